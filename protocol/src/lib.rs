@@ -1,0 +1,10 @@
+#![doc = include_str!("../README.md")]
+
+pub mod angle;
+pub mod estimate;
+pub mod frames;
+pub mod id;
+pub mod marker;
+pub mod message;
+pub mod quantity;
+pub mod time;

@@ -1,0 +1,23 @@
+//! Everything that travels between agents, leaders and operators. One file a message; all derive bincode's `Encode` and
+//! `Decode`, and are wrapped by [`crate::codec`](crate) in a versioned envelope with a byte limit per kind.
+
+pub mod alarm;
+pub mod announcement;
+pub mod clock;
+pub mod command;
+pub mod guidance;
+pub mod health;
+pub mod map;
+pub mod observation;
+
+pub use alarm::{Alarm, AlarmKind};
+pub use announcement::{Announcement, CameraSummary};
+pub use clock::{ClockProbe, ClockReply};
+pub use command::{Command, CommandReply};
+pub use guidance::Guidance;
+pub use health::{Health, KindTraffic};
+pub use map::{MapRobot, MapStatus, MapTarget, Presence, TeamMap};
+pub use observation::{
+    ElevationEnd, Feature, Motion, ObjectClass, Observation, Odometry, PeerSighting, SightedRange, Stages,
+    TrackObservation, TrackState,
+};

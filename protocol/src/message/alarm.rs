@@ -1,0 +1,40 @@
+//! Alarms and events: exactly once by (robot, epoch, number); history for late joiners.
+
+use bincode::{Decode, Encode};
+
+use crate::id::{RobotId, TrackId};
+use crate::time::Timestamp;
+
+/// Something that an operator should know.
+#[derive(Debug, Clone, PartialEq, Encode, Decode)]
+pub struct Alarm {
+    /// Who says so.
+    pub robot: RobotId,
+    /// Its session.
+    pub epoch: u64,
+    /// Counts the alarms of the session from 0.
+    pub number: u32,
+    /// When, on the robot's clock.
+    pub at: Timestamp,
+    /// What.
+    pub kind: AlarmKind,
+}
+
+/// What happened.
+#[derive(Debug, Clone, PartialEq, Encode, Decode)]
+pub enum AlarmKind {
+    /// More than half of the picture changed and no cause could be told.
+    SceneChanged,
+    /// The light was switched or jumped.
+    LightSwitched,
+    /// The robot began to move: tracks are suspended.
+    SelfMotion,
+    /// Frames are frozen, black, saturated or fail to arrive, with the reason (≤ 128 bytes).
+    SensorFailure(String),
+    /// The background is ready (again): tracks resume.
+    BackgroundReady,
+    /// A person came into view.
+    PersonAppeared(TrackId),
+    /// A person left.
+    PersonLeft(TrackId),
+}

@@ -1,0 +1,109 @@
+//! The team map: what the leader publishes.
+//!
+//! Robots carry one joint covariance (their errors are correlated: they were calibrated against each other); each target
+//! carries its own covariance given the poses, and the Jacobian of its position to the poses, from which anybody can
+//! compute the full covariance of any pair of entries:
+//! `cov(target) = own + J · joint · Jᵀ`.
+
+use bincode::{Decode, Encode};
+
+use crate::frames::Pose2;
+use crate::id::{LeaderId, RobotId, TargetId};
+use crate::time::Timestamp;
+
+/// Most robots in a map.
+pub const MAX_ROBOTS: usize = 256;
+/// Most targets in a map.
+pub const MAX_TARGETS: usize = 1024;
+
+/// The team at one instant.
+#[derive(Debug, Clone, PartialEq, Encode, Decode)]
+pub struct TeamMap {
+    /// Who leads.
+    pub leader: LeaderId,
+    /// Its term: receivers drop maps of a lower one.
+    pub term: u64,
+    /// Counts the maps of the term.
+    pub sequence: u64,
+    /// The instant all entries are predicted to, leader's clock.
+    pub stamp: Timestamp,
+    /// Age of the oldest contribution, seconds.
+    pub oldest_contribution_s: f32,
+    /// How the calibration stands.
+    pub status: MapStatus,
+    /// Why, in one sentence for people (≤ 256 bytes).
+    pub explanation: String,
+    /// The robot whose pose fixed the frame, where one has.
+    pub gauge: Option<RobotId>,
+    /// All robots that were ever announced in this team (≤ [`MAX_ROBOTS`]).
+    pub robots: Vec<MapRobot>,
+    /// Joint covariance of the robots with a pose, in the order of `robots` (x, y, heading each; m and rad): the upper
+    /// triangle row by row, n(n+1)/2 values for n = 3 · robots with a pose.
+    pub joint_covariance: Vec<f32>,
+    /// Moving objects (≤ [`MAX_TARGETS`]).
+    pub targets: Vec<MapTarget>,
+}
+
+/// How the mutual calibration stands.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Encode, Decode)]
+pub enum MapStatus {
+    /// No two robots have seen each other yet.
+    Waiting,
+    /// Solved.
+    Converged,
+    /// Several namings fit equally: nothing is placed that is not certain.
+    Ambiguous,
+    /// Measurements contradict each other.
+    Inconsistent,
+    /// Some robots or directions are not determined.
+    Insufficient,
+}
+
+/// A robot in the map.
+#[derive(Debug, Clone, PartialEq, Encode, Decode)]
+pub struct MapRobot {
+    /// Who.
+    pub id: RobotId,
+    /// Its pose, where known. Robots in different components are never in one frame.
+    pub team_from_body: Option<Pose2>,
+    /// Which component it belongs to; the gauge is in component 0.
+    pub component: u8,
+    /// Whether it is there.
+    pub presence: Presence,
+    /// Whether it moves.
+    pub moving: bool,
+    /// Estimated offset of its clock to the leader's (robot − leader), seconds, and its standard deviation.
+    pub clock_offset_s: Option<(f32, f32)>,
+}
+
+/// Whether a robot is there.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Encode, Decode)]
+pub enum Presence {
+    /// Alive and sending.
+    Online,
+    /// Alive, but silent for longer than it should be.
+    Silent,
+    /// Gone; its pose is the last known.
+    Offline,
+}
+
+/// A moving object in the map.
+#[derive(Debug, Clone, PartialEq, Encode, Decode)]
+pub struct MapTarget {
+    /// Which.
+    pub id: TargetId,
+    /// Position on the floor of its vertical axis and height of its centre where known (z), metres.
+    pub position_m: [f64; 3],
+    /// Velocity along the floor, m/s.
+    pub velocity_mps: [f32; 2],
+    /// Height of its top above the floor with its sigma, where seen.
+    pub height_m: Option<(f32, f32)>,
+    /// Covariance of (x, y, z) given exact robot poses: upper triangle xx xy xz yy yz zz, m².
+    pub own_covariance: [f32; 6],
+    /// Jacobian of (x, y) to the poses (x, y, heading) of each robot with a pose, in the order of `robots`: 2 × 3n row by row.
+    pub pose_jacobian: Vec<f32>,
+    /// Robots that see it now.
+    pub observers: Vec<RobotId>,
+    /// Seconds since it was last measured.
+    pub age_s: f32,
+}

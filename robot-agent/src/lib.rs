@@ -1,0 +1,12 @@
+#![doc = include_str!("../README.md")]
+
+pub mod agent;
+pub mod capture;
+pub mod config;
+pub mod motion;
+pub mod optics;
+pub mod panorama;
+pub mod peers;
+pub mod picture;
+pub mod service;
+pub mod tracking;

@@ -1,0 +1,9 @@
+#![doc = include_str!("../README.md")]
+
+pub mod bandwidth;
+pub mod network;
+pub mod render;
+pub mod scenario;
+pub mod score;
+pub mod team;
+pub mod world;

@@ -1,0 +1,13 @@
+#![doc = include_str!("../README.md")]
+
+pub mod calibration;
+pub mod clock_offset;
+pub mod config;
+pub mod correspondence;
+pub mod leader;
+pub mod planning;
+pub mod service;
+pub mod solve;
+pub mod stereo;
+pub mod team_map;
+pub mod timeline;
