@@ -1,6 +1,7 @@
 #![doc = include_str!("../README.md")]
 
 pub mod calibration;
+pub mod cli;
 pub mod clock_offset;
 pub mod config;
 pub mod correspondence;

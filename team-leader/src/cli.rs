@@ -1,0 +1,3 @@
+//! Subcommands of the `team-leader` program, one a file.
+
+pub mod solve;

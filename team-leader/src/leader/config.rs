@@ -1,0 +1,135 @@
+//! What the pure leader needs to know; the service builds it from its configuration file.
+
+use protocol::frames::Pose2;
+use protocol::id::{LeaderId, RobotId};
+
+/// Settings of the pure leader. [`LeaderCoreConfig::new`] gives the defaults of the reference team.
+#[derive(Debug, Clone, PartialEq)]
+pub struct LeaderCoreConfig {
+    /// Who this leader is.
+    pub leader: LeaderId,
+    /// Its term; receivers drop maps of a lower one.
+    pub term: u64,
+    /// Whose given pose fixes the team frame at the first solution. Without one the first standing robot's body frame
+    /// becomes the team frame.
+    pub anchor: Option<Anchor>,
+    /// Clock probes.
+    pub clock: ClockConfig,
+    /// Mutual calibration.
+    pub calibration: CalibrationConfig,
+    /// Moving objects.
+    pub targets: TargetConfig,
+    /// A robot alive whose last observation is older is `Silent`, seconds.
+    pub silent_after_s: f64,
+}
+
+impl LeaderCoreConfig {
+    /// Defaults, for a leader of this name.
+    pub fn new(leader: LeaderId) -> Self {
+        Self {
+            leader,
+            term: 1,
+            anchor: None,
+            clock: ClockConfig::default(),
+            calibration: CalibrationConfig::default(),
+            targets: TargetConfig::default(),
+            silent_after_s: 1.0,
+        }
+    }
+}
+
+/// The robot whose pose is given.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Anchor {
+    /// Which.
+    pub robot: RobotId,
+    /// Where it stands at the first solution.
+    pub team_from_body: Pose2,
+}
+
+/// How clocks are compared.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ClockConfig {
+    /// All stamps are of one clock already (recordings, simulations without clock errors): nothing is probed.
+    pub trusted: bool,
+    /// Between probes of a robot once its offset is known, seconds.
+    pub probe_interval_s: f64,
+    /// Between the first probes, seconds.
+    pub first_probe_interval_s: f64,
+    /// How many first probes.
+    pub first_probes: u32,
+    /// Most that two clocks drift apart, as a fraction (50e-6 = 50 ppm).
+    pub max_drift: f64,
+}
+
+impl Default for ClockConfig {
+    fn default() -> Self {
+        Self {
+            trusted: false,
+            probe_interval_s: 2.0,
+            first_probe_interval_s: 0.1,
+            first_probes: 10,
+            max_drift: 50e-6,
+        }
+    }
+}
+
+/// Noise and patience of the mutual calibration.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct CalibrationConfig {
+    /// Error of a sighting's bearing that does not average out while both robots stand, radians (optics, edges, marker).
+    pub bearing_floor_rad: f64,
+    /// The same of the apparent angular width (which carries the range), radians.
+    pub width_floor_rad: f64,
+    /// Error of the apparent width that is common to all sightings of the team (blur moves all edges alike), radians.
+    pub common_width_rad: f64,
+    /// Speed that a moving robot may have, m/s: its process noise.
+    pub speed_mps: f64,
+    /// Turning rate that a moving robot may have, rad/s.
+    pub turn_radps: f64,
+    /// How much better (2 × log-likelihood) the best naming must be than any other.
+    pub naming_margin: f64,
+}
+
+impl Default for CalibrationConfig {
+    fn default() -> Self {
+        Self {
+            bearing_floor_rad: 6e-4,
+            width_floor_rad: 7e-4,
+            common_width_rad: 5e-4,
+            speed_mps: 0.5,
+            turn_radps: 0.5,
+            naming_margin: 14.0,
+        }
+    }
+}
+
+/// What targets are like.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct TargetConfig {
+    /// Power of the white acceleration of a walking person, m²/s³.
+    pub acceleration_m2ps3: f64,
+    /// Sway of the seen axis about the true one, metres: it does not average out over a step.
+    pub axis_sway_m: f64,
+    /// Correlation time of the bearing error, seconds.
+    pub correlation_s: f64,
+    /// Mean height of people, metres, with standard deviation: a weak cue for range, never a measurement of position.
+    pub person_height_m: (f64, f64),
+    /// A target unseen for longer is dropped, seconds.
+    pub forget_after_s: f64,
+    /// A target is published while its position's standard deviation (larger axis) is below this, metres.
+    pub publish_below_m: f64,
+}
+
+impl Default for TargetConfig {
+    fn default() -> Self {
+        Self {
+            acceleration_m2ps3: 0.6,
+            axis_sway_m: 0.03,
+            correlation_s: 0.25,
+            person_height_m: (1.72, 0.12),
+            forget_after_s: 2.0,
+            publish_below_m: 0.5,
+        }
+    }
+}
