@@ -8,3 +8,6 @@ pub mod marker;
 pub mod message;
 pub mod quantity;
 pub mod time;
+
+#[doc = include_str!("../ERRATA.md")]
+pub mod errata {}
