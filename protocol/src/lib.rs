@@ -1,8 +1,11 @@
 #![doc = include_str!("../README.md")]
 
 pub mod angle;
+pub mod document;
 pub mod estimate;
 pub mod frames;
+#[cfg(feature = "zenoh")]
+pub mod host_clock;
 pub mod id;
 pub mod marker;
 pub mod message;
