@@ -1,1 +1,3 @@
 //! One binary for all cross-crate tests: linking zenoh once is slow enough.
+
+mod layout;

@@ -64,13 +64,7 @@ pub struct ClockConfig {
 
 impl Default for ClockConfig {
     fn default() -> Self {
-        Self {
-            trusted: false,
-            probe_interval_s: 2.0,
-            first_probe_interval_s: 0.1,
-            first_probes: 10,
-            max_drift: 50e-6,
-        }
+        Self { trusted: false, probe_interval_s: 2.0, first_probe_interval_s: 0.1, first_probes: 10, max_drift: 50e-6 }
     }
 }
 
