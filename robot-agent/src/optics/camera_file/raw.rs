@@ -1,0 +1,299 @@
+//! The text of `camera.toml` as serde sees it, and the checks that turn it into cameras.
+
+use std::path::PathBuf;
+use std::sync::Arc;
+
+use nalgebra::Vector3;
+use serde::Deserialize;
+
+use super::{KNOWN_MODELS, Problem, SUPPORTED_MODELS};
+use crate::optics::pinhole::PinholeParameters;
+use crate::optics::{Camera, Mounting, MountingSigma, Pal, PalDesign, Pinhole, Timing};
+
+/// Pictures larger than this on a side are taken for a mistake.
+const MAX_SIDE_PX: u32 = 16_384;
+
+/// Checked content.
+pub(super) struct Checked {
+    pub(super) camera: Arc<dyn Camera>,
+    pub(super) mounting: Mounting,
+    pub(super) timing: Timing,
+    pub(super) mask_file: Option<PathBuf>,
+}
+
+/// Parses and checks.
+pub(super) fn parse(text: &str) -> Result<Checked, Problem> {
+    let syntax = |e: toml::de::Error| Problem::Syntax(e.to_string().trim_end().to_owned());
+    let table: toml::Table = toml::from_str(text).map_err(syntax)?;
+    // The model first: the tables of models that are not supported would only look like unknown keys.
+    match table.get("model").and_then(toml::Value::as_str) {
+        Some(model) if SUPPORTED_MODELS.contains(&model) => {}
+        Some(model) if KNOWN_MODELS.contains(&model) => return Err(Problem::Unsupported(model.into())),
+        Some(model) => return Err(Problem::UnknownModel(model.into())),
+        None => return Err(Problem::Syntax(format!("model is missing; one of: {}", SUPPORTED_MODELS.join(", ")))),
+    }
+    let file: File = toml::from_str(text).map_err(syntax)?;
+    if file.image_size_px.iter().any(|n| *n == 0 || *n > MAX_SIDE_PX) {
+        let expected = format!("[width, height] in pixels, each from 1 to {MAX_SIDE_PX}");
+        return Err(Problem::value("image_size_px", file.image_size_px, expected));
+    }
+    Ok(Checked {
+        camera: file.camera()?,
+        mounting: file.mounting.checked()?,
+        timing: file.timing.checked()?,
+        mask_file: file.mask.map(|m| m.file),
+    })
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct File {
+    model: String,
+    image_size_px: [u32; 2],
+    pal: Option<PalTable>,
+    pinhole: Option<PinholeTable>,
+    #[serde(default)]
+    mounting: MountingTable,
+    mask: Option<MaskTable>,
+    #[serde(default)]
+    timing: TimingTable,
+}
+
+impl File {
+    fn camera(&self) -> Result<Arc<dyn Camera>, Problem> {
+        for (table, present) in [("pal", self.pal.is_some()), ("pinhole", self.pinhole.is_some())] {
+            if present != (table == self.model) {
+                let what = if present { "has no place beside" } else { "is missing beside" };
+                return Err(Problem::Syntax(format!("the table [{table}] {what} model = {:?}", self.model)));
+            }
+        }
+        if let Some(pal) = &self.pal {
+            return match Pal::new(pal.design(), self.image_size_px) {
+                Ok(camera) => Ok(Arc::new(camera)),
+                Err(error) => Err(Problem::parameter("pal", error)),
+            };
+        }
+        let Some(pinhole) = &self.pinhole else { return Err(Problem::Unsupported(self.model.clone())) };
+        let parameters = PinholeParameters {
+            focal_length_px: pinhole.focal_length_px,
+            centre_px: pinhole.centre_px,
+            distortion: pinhole.distortion,
+        };
+        match Pinhole::new(parameters, self.image_size_px) {
+            Ok(camera) => Ok(Arc::new(camera)),
+            Err(error) => Err(Problem::parameter("pinhole", error)),
+        }
+    }
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct PalTable {
+    ellipsoid_a_mm: f64,
+    ellipsoid_c_mm: f64,
+    hyperboloid_a_mm: f64,
+    hyperboloid_c_mm: f64,
+    focal_length_px: f64,
+    refraction_a_mm: f64,
+    refraction_eccentricity: f64,
+    refractive_index: f64,
+    centre_px: [f64; 2],
+    #[serde(default = "one")]
+    aspect: f64,
+    elevation_deg: [f64; 2],
+}
+
+impl PalTable {
+    fn design(&self) -> PalDesign {
+        PalDesign {
+            ellipsoid_a_mm: self.ellipsoid_a_mm,
+            ellipsoid_c_mm: self.ellipsoid_c_mm,
+            hyperboloid_a_mm: self.hyperboloid_a_mm,
+            hyperboloid_c_mm: self.hyperboloid_c_mm,
+            focal_length_px: self.focal_length_px,
+            refraction_a_mm: self.refraction_a_mm,
+            refraction_eccentricity: self.refraction_eccentricity,
+            refractive_index: self.refractive_index,
+            centre_px: self.centre_px,
+            aspect: self.aspect,
+            elevation_deg: self.elevation_deg,
+        }
+    }
+}
+
+fn one() -> f64 {
+    1.0
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct PinholeTable {
+    focal_length_px: [f64; 2],
+    centre_px: [f64; 2],
+    #[serde(default)]
+    distortion: [f64; 5],
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct MaskTable {
+    file: PathBuf,
+}
+
+#[derive(Deserialize, Default)]
+#[serde(deny_unknown_fields)]
+struct TimingTable {
+    #[serde(default)]
+    exposure_ms: f64,
+    #[serde(default)]
+    readout_ms: f64,
+    #[serde(default)]
+    latency_ms: f64,
+}
+
+impl TimingTable {
+    fn checked(&self) -> Result<Timing, Problem> {
+        let seconds = |key: &str, ms: f64| {
+            if (0.0..=10_000.0).contains(&ms) {
+                return Ok(ms * 1e-3);
+            }
+            Err(Problem::value(&format!("timing.{key}"), ms, "milliseconds from 0 to 10000"))
+        };
+        Ok(Timing {
+            exposure_s: seconds("exposure_ms", self.exposure_ms)?,
+            readout_s: seconds("readout_ms", self.readout_ms)?,
+            latency_s: seconds("latency_ms", self.latency_ms)?,
+        })
+    }
+}
+
+/// One sigma for all components, or one each.
+#[derive(Debug, Clone, Copy, Deserialize)]
+#[serde(untagged, expecting = "one number, or one number for each component")]
+enum Sigma<const N: usize>
+where
+    [f64; N]: for<'a> Deserialize<'a>,
+{
+    All(f64),
+    #[serde(bound = "")]
+    Each([f64; N]),
+}
+
+#[derive(Deserialize, Default)]
+#[serde(deny_unknown_fields)]
+struct MountingTable {
+    height_m: Option<f64>,
+    height_m_sigma: Option<f64>,
+    position_m: Option<[f64; 3]>,
+    position_m_sigma: Option<Sigma<3>>,
+    azimuth_offset_deg: Option<f64>,
+    azimuth_offset_deg_sigma: Option<f64>,
+    tilt_deg: Option<[f64; 2]>,
+    tilt_deg_sigma: Option<Sigma<2>>,
+    rotation_rpy_deg: Option<[f64; 3]>,
+    rotation_rpy_deg_sigma: Option<Sigma<3>>,
+    #[serde(default)]
+    mirrored: bool,
+}
+
+impl MountingTable {
+    fn checked(&self) -> Result<Mounting, Problem> {
+        self.check_alternatives()?;
+        let mut mounting = Mounting { mirrored: self.mirrored, ..Mounting::default() };
+        if let Some(height) = self.height_m {
+            mounting.position_m = position("mounting.height_m", [0.0, 0.0, height])?;
+            mounting.height_is_given = true;
+        }
+        if let Some(p) = self.position_m {
+            mounting.position_m = position("mounting.position_m", p)?;
+            mounting.height_is_given = true;
+        }
+        if let Some(yaw) = self.azimuth_offset_deg {
+            mounting.rotation_rpy_rad[2] = angle("mounting.azimuth_offset_deg", yaw, 360.0)?;
+        }
+        if let Some([roll, pitch]) = self.tilt_deg {
+            mounting.rotation_rpy_rad[0] = angle("mounting.tilt_deg", roll, 90.0)?;
+            mounting.rotation_rpy_rad[1] = angle("mounting.tilt_deg", pitch, 90.0)?;
+        }
+        if let Some(rpy) = self.rotation_rpy_deg {
+            for (radians, degrees) in mounting.rotation_rpy_rad.iter_mut().zip(rpy) {
+                *radians = angle("mounting.rotation_rpy_deg", degrees, 360.0)?;
+            }
+        }
+        mounting.sigma = self.sigma()?;
+        Ok(mounting)
+    }
+
+    fn sigma(&self) -> Result<MountingSigma, Problem> {
+        let mut sigma = MountingSigma::default();
+        if let Some(s) = self.height_m_sigma {
+            sigma.position_m.z = deviation("mounting.height_m_sigma", s)?;
+        }
+        if let Some(s) = self.position_m_sigma {
+            sigma.position_m = Vector3::from(each("mounting.position_m_sigma", s)?);
+        }
+        if let Some(s) = self.tilt_deg_sigma {
+            let [roll, pitch] = each("mounting.tilt_deg_sigma", s)?.map(f64::to_radians);
+            sigma.rotation_rpy_rad[..2].copy_from_slice(&[roll, pitch]);
+        }
+        if let Some(s) = self.azimuth_offset_deg_sigma {
+            sigma.rotation_rpy_rad[2] = deviation("mounting.azimuth_offset_deg_sigma", s)?.to_radians();
+        }
+        if let Some(s) = self.rotation_rpy_deg_sigma {
+            sigma.rotation_rpy_rad = each("mounting.rotation_rpy_deg_sigma", s)?.map(f64::to_radians);
+        }
+        Ok(sigma)
+    }
+
+    /// Two ways to say one thing must not both be there.
+    fn check_alternatives(&self) -> Result<(), Problem> {
+        let height = self.height_m.is_some() || self.height_m_sigma.is_some();
+        let full_position = self.position_m.is_some() || self.position_m_sigma.is_some();
+        let tilt = self.tilt_deg.is_some() || self.tilt_deg_sigma.is_some();
+        let yaw = self.azimuth_offset_deg.is_some() || self.azimuth_offset_deg_sigma.is_some();
+        let full_rotation = self.rotation_rpy_deg.is_some() || self.rotation_rpy_deg_sigma.is_some();
+        let clash = |a: &str, b: &str| Err(Problem::Syntax(format!("[mounting] has {a} and {b}: give one of them")));
+        if height && full_position {
+            return clash("height_m", "position_m");
+        }
+        if full_rotation && tilt {
+            return clash("tilt_deg", "rotation_rpy_deg");
+        }
+        if full_rotation && yaw {
+            return clash("azimuth_offset_deg", "rotation_rpy_deg");
+        }
+        Ok(())
+    }
+}
+
+fn position(key: &str, p: [f64; 3]) -> Result<Vector3<f64>, Problem> {
+    if p.iter().all(|x| x.abs() <= 100.0) {
+        return Ok(Vector3::from(p));
+    }
+    Err(Problem::value(key, p, "in metres, at most 100 (is it in millimetres?)"))
+}
+
+fn angle(key: &str, degrees: f64, limit: f64) -> Result<f64, Problem> {
+    if degrees.abs() <= limit {
+        return Ok(degrees.to_radians());
+    }
+    Err(Problem::value(key, degrees, format!("in degrees between -{limit} and {limit}")))
+}
+
+fn deviation(key: &str, sigma: f64) -> Result<f64, Problem> {
+    if (0.0..1e3).contains(&sigma) {
+        return Ok(sigma);
+    }
+    Err(Problem::value(key, sigma, "a standard deviation, 0 or more"))
+}
+
+fn each<const N: usize>(key: &str, sigma: Sigma<N>) -> Result<[f64; N], Problem>
+where
+    [f64; N]: for<'a> Deserialize<'a>,
+{
+    let all = match sigma {
+        Sigma::All(s) => [s; N],
+        Sigma::Each(s) => s,
+    };
+    all.iter().try_for_each(|s| deviation(key, *s).map(drop)).map(|()| all)
+}
