@@ -155,7 +155,7 @@ impl Meridian {
         let [a, c] = self.hyperboloid_ac_mm;
         let (sin, cos) = (radius_px / self.focal_length_px).atan().sin_cos();
         let d = self.hyperboloid_b_mm.powi(2) / (c * cos - a);
-        (c * cos > a).then(|| [d * sin, self.pinhole_z_mm + d * cos])
+        (c * cos > a).then_some([d * sin, self.pinhole_z_mm + d * cos])
     }
 
     /// Where a ray meets the first mirror, opposite to R: (r, z) in mm.

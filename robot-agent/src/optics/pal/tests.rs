@@ -187,9 +187,11 @@ fn points_inside_the_glass_and_on_the_axis_have_no_image() {
     }
 }
 
+type Change = fn(&mut PalDesign);
+
 #[test]
 fn impossible_designs_are_named() {
-    let wrong: [(fn(&mut PalDesign), &str, &str); 8] = [
+    let wrong: [(Change, &str, &str); 8] = [
         (|d| d.ellipsoid_c_mm = 30.0, "ellipsoid_c_mm", "less than"),
         (|d| d.hyperboloid_a_mm = 17.0, "hyperboloid_c_mm", "more than"),
         (|d| d.refraction_a_mm = 0.03125, "refraction_a_mm", "metres"),
