@@ -1,3 +1,9 @@
-//! Command line.
+//! Command line of the agent.
 
-fn main() {}
+mod cli;
+
+use std::process::ExitCode;
+
+fn main() -> ExitCode {
+    cli::main()
+}

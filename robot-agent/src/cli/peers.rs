@@ -1,0 +1,12 @@
+//! `robot-agent peers`.
+
+use super::Failure;
+
+/// Offline peer detection: frames in, one JSON line a frame out.
+#[derive(Debug, clap::Args)]
+pub(super) struct Arguments {}
+
+/// Runs the command.
+pub(super) fn execute(_arguments: &Arguments) -> Result<(), Failure> {
+    Err(Failure::job("`peers` is not built yet"))
+}

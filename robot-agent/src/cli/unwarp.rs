@@ -1,0 +1,129 @@
+//! `robot-agent unwarp`.
+
+use std::io::{self, Write};
+use std::path::PathBuf;
+
+use clap::ValueEnum;
+use robot_agent::capture;
+use robot_agent::optics::MountedCamera;
+use robot_agent::panorama::{GazeWindow, Lut, PanoramaGeometry, Projection};
+use serde_json::json;
+
+use super::{Failure, Format};
+
+/// Unwarps one picture: to a panorama, or to what a virtual camera looking somewhere would see.
+#[derive(Debug, clap::Args)]
+pub(super) struct Arguments {
+    /// The camera's picture (PNG, JPEG, BMP, PGM).
+    image: PathBuf,
+    /// The camera file (camera.toml).
+    #[arg(long, value_name = "FILE")]
+    camera: PathBuf,
+    /// Where to write the result; the ending chooses the format.
+    #[arg(long, value_name = "FILE")]
+    out: PathBuf,
+    /// What to make. The default is what the camera's panorama would be: a cylinder, or a sphere where the camera sees
+    /// beyond 60°.
+    #[arg(long, value_enum)]
+    projection: Option<Kind>,
+    /// Columns; the camera's default panorama, or 640 for perspective.
+    #[arg(long, value_name = "PX")]
+    width: Option<u32>,
+    /// Rows; the camera's default panorama, or 480 for perspective.
+    #[arg(long, value_name = "PX")]
+    height: Option<u32>,
+    /// Lowest and highest elevation of a panorama, degrees; all that the camera sees.
+    #[arg(long, value_names = ["LOW", "HIGH"], num_args = 2, allow_negative_numbers = true)]
+    elevation_deg: Option<Vec<f64>>,
+    /// Bearing that a perspective view looks in, degrees, counter-clockwise from straight ahead.
+    #[arg(long, value_name = "DEG", default_value_t = 0.0, allow_negative_numbers = true)]
+    pan_deg: f64,
+    /// Elevation that a perspective view looks in, degrees.
+    #[arg(long, value_name = "DEG", default_value_t = 0.0, allow_negative_numbers = true)]
+    tilt_deg: f64,
+    /// Horizontal field of view of a perspective view, degrees.
+    #[arg(long, value_name = "DEG", default_value_t = 60.0)]
+    hfov_deg: f64,
+    /// How to print what was done.
+    #[arg(long, value_enum, default_value_t)]
+    format: Format,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum Kind {
+    /// All bearings; rows equally spaced in the tangent of the elevation.
+    Cylinder,
+    /// All bearings; rows equally spaced in elevation.
+    Sphere,
+    /// A virtual camera: straight lines stay straight.
+    Perspective,
+}
+
+/// Runs the command.
+pub(super) fn execute(arguments: &Arguments) -> Result<(), Failure> {
+    let camera = MountedCamera::load(&arguments.camera).map_err(Failure::usage)?;
+    let lut = arguments.table(&camera)?;
+    let source = capture::read_gray(&arguments.image, Some(camera.image_size_px())).map_err(Failure::job)?;
+    let [width, height] = lut.size_px();
+    let mut out = image::GrayImage::new(width, height);
+    lut.unwarp(&source.gray, &mut out).map_err(Failure::job)?;
+    out.save(&arguments.out)
+        .map_err(|e| Failure::job(format!("{}: cannot write the picture: {e}", arguments.out.display())))?;
+    let valid = lut.valid().iter().filter(|valid| **valid).count();
+    let share = valid as f64 / lut.valid().len() as f64;
+    let path = arguments.out.display();
+    let mut output = io::stdout().lock();
+    match arguments.format {
+        Format::Text => writeln!(output, "{path}: {width}x{height}, {:.1} % seen by the camera", 100.0 * share)?,
+        Format::Json => {
+            let report =
+                json!({ "out": path.to_string(), "width_px": width, "height_px": height, "valid_share": share });
+            writeln!(output, "{report}")?;
+        }
+    }
+    Ok(())
+}
+
+impl Arguments {
+    fn table(&self, camera: &MountedCamera) -> Result<Lut, Failure> {
+        if self.projection == Some(Kind::Perspective) {
+            return Ok(Lut::gaze(camera, &self.window()?));
+        }
+        let default = PanoramaGeometry::for_camera(camera).map_err(Failure::usage)?;
+        let projection = match self.projection {
+            Some(Kind::Cylinder) => Projection::Cylinder,
+            Some(Kind::Sphere) => Projection::Sphere,
+            _ => default.projection(),
+        };
+        let elevation_rad = match self.elevation_deg.as_deref() {
+            Some([low, high]) => [low.to_radians(), high.to_radians()],
+            _ => default.elevation_rad(),
+        };
+        let width = self.width.unwrap_or(default.width());
+        let height = self.height.unwrap_or(default.height());
+        let geometry = PanoramaGeometry::new(width, height, projection, elevation_rad).map_err(Failure::usage)?;
+        Ok(Lut::panorama(camera, &geometry))
+    }
+
+    fn window(&self) -> Result<GazeWindow, Failure> {
+        let (width, height) = (self.width.unwrap_or(640), self.height.unwrap_or(480));
+        let max = PanoramaGeometry::MAX_SIDE_PX;
+        if !(1..=max).contains(&width) || !(1..=max).contains(&height) {
+            return Err(Failure::usage(format!("{width}x{height} pixels: each side must be from 1 to {max}")));
+        }
+        if !(self.hfov_deg >= 0.1 && self.hfov_deg <= 170.0) {
+            return Err(Failure::usage(format!("--hfov-deg {}: must be from 0.1 to 170", self.hfov_deg)));
+        }
+        if !(self.tilt_deg.abs() <= 90.0 && self.pan_deg.is_finite()) {
+            let (pan, tilt) = (self.pan_deg, self.tilt_deg);
+            return Err(Failure::usage(format!("--pan-deg {pan} --tilt-deg {tilt}: tilt must be from -90 to 90")));
+        }
+        Ok(GazeWindow {
+            width,
+            height,
+            hfov_rad: self.hfov_deg.to_radians(),
+            pan_rad: self.pan_deg.to_radians(),
+            tilt_rad: self.tilt_deg.to_radians(),
+        })
+    }
+}
