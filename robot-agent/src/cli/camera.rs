@@ -193,5 +193,5 @@ fn facts(camera: &MountedCamera) -> Value {
 
 /// To a millionth, for people.
 fn rounded(value: f64) -> f64 {
-    (value * 1e6).round() * 1e-6
+    (value * 1e6).round() / 1e6
 }
