@@ -8,6 +8,7 @@ use nalgebra::{Matrix2, Vector2};
 use serde::{Deserialize, Serialize};
 
 use crate::angle::wrap;
+use crate::codec::{Invalid, check};
 
 /// A rigid motion of the floor plane, SE(2).
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize, Encode, Decode)]
@@ -55,6 +56,12 @@ impl Pose2 {
     pub fn bearing_to(&self, point: Vector2<f64>) -> f64 {
         let d = point - self.position();
         wrap(d.y.atan2(d.x) - self.heading_rad)
+    }
+
+    /// Whether it may travel: finite, heading in (−π, π] (a little more for rounding).
+    pub(crate) fn validate(&self, field: &'static str) -> Result<(), Invalid> {
+        check::all_finite(field, &[self.x_m, self.y_m])?;
+        check::in_range(field, self.heading_rad, -3.1416, 3.1416)
     }
 }
 

@@ -1,12 +1,14 @@
 #![doc = include_str!("../README.md")]
 
 pub mod angle;
+pub mod codec;
 pub mod document;
 pub mod estimate;
 pub mod frames;
 #[cfg(feature = "zenoh")]
 pub mod host_clock;
 pub mod id;
+pub mod key;
 pub mod marker;
 pub mod message;
 pub mod quantity;

@@ -5,6 +5,15 @@
 use bincode::{Decode, Encode};
 use serde::{Deserialize, Serialize};
 
+use crate::codec::{Invalid, check};
+
+/// Most bars of a marker.
+pub const MAX_BARS: usize = 64;
+/// Most rings of a look.
+pub const MAX_RINGS: usize = 32;
+/// Largest legal length of a marker, metres.
+pub const MAX_LENGTH_M: f64 = 10.0;
+
 /// A marker: geometry and look. `kind` selects.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, Encode, Decode)]
 #[serde(tag = "kind", rename_all = "snake_case", deny_unknown_fields)]
@@ -73,4 +82,58 @@ pub struct Ring {
     pub height_m: [f64; 2],
     /// Diffuse reflectance, 0 … 1.
     pub reflectance: f64,
+}
+
+impl Marker {
+    /// Whether the geometry is possible: positive finite lengths up to [`MAX_LENGTH_M`], ends in order, a code as long as
+    /// the bars, rings without overlap. Configurations and messages are checked alike.
+    pub fn validate(&self) -> Result<(), Invalid> {
+        let look = match self {
+            Self::Cylinder { radius_m, height_m, look } => {
+                positive_length("marker.radius_m", *radius_m)?;
+                interval("marker.height_m", *height_m)?;
+                look
+            }
+            Self::Bars { radius_m, azimuths_deg, height_m, code, look } => {
+                positive_length("marker.radius_m", *radius_m)?;
+                interval("marker.height_m", *height_m)?;
+                check::count("marker.azimuths_deg", azimuths_deg.len(), MAX_BARS)?;
+                check::all_finite("marker.azimuths_deg", azimuths_deg)?;
+                let coded = code.as_ref().is_none_or(|code| code.len() == azimuths_deg.len());
+                check::consistent(coded, "marker.code", "has not one number a bar")?;
+                look
+            }
+            Self::Rectangle { width_m, height_m, left_edge_m, behind_m, bottom_m, look } => {
+                positive_length("marker.width_m", *width_m)?;
+                positive_length("marker.height_m", *height_m)?;
+                check::in_range("marker.left_edge_m", *left_edge_m, -MAX_LENGTH_M, MAX_LENGTH_M)?;
+                check::in_range("marker.behind_m", *behind_m, -MAX_LENGTH_M, MAX_LENGTH_M)?;
+                check::in_range("marker.bottom_m", *bottom_m, 0.0, MAX_LENGTH_M)?;
+                look
+            }
+        };
+        look.as_ref().map_or(Ok(()), Look::validate)
+    }
+}
+
+impl Look {
+    fn validate(&self) -> Result<(), Invalid> {
+        check::count("marker.look.rings", self.rings.len(), MAX_RINGS)?;
+        for ring in &self.rings {
+            interval("marker.look.rings.height_m", ring.height_m)?;
+            check::in_range("marker.look.rings.reflectance", ring.reflectance, 0.0, 1.0)?;
+        }
+        let in_order = self.rings.windows(2).all(|pair| pair[0].height_m[1] <= pair[1].height_m[0] + 1e-9);
+        check::consistent(in_order, "marker.look.rings", "overlap or are not in order from the bottom up")
+    }
+}
+
+fn positive_length(field: &'static str, length_m: f64) -> Result<(), Invalid> {
+    check::in_range(field, length_m, f64::MIN_POSITIVE, MAX_LENGTH_M)
+}
+
+fn interval(field: &'static str, height_m: [f64; 2]) -> Result<(), Invalid> {
+    check::in_range(field, height_m[0], 0.0, MAX_LENGTH_M)?;
+    check::in_range(field, height_m[1], 0.0, MAX_LENGTH_M)?;
+    check::consistent(height_m[0] < height_m[1], field, "has its lower end above its upper one")
 }

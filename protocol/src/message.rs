@@ -1,5 +1,5 @@
-//! Everything that travels between agents, leaders and operators. One file a message; all derive bincode's `Encode` and
-//! `Decode`, and are wrapped by [`crate::codec`](crate) in a versioned envelope with a byte limit per kind.
+//! Everything that travels between agents, leaders and operators. One file a message, with its limits and its check;
+//! [`crate::codec`] wraps them in a versioned envelope with a byte limit per kind.
 
 pub mod alarm;
 pub mod announcement;
@@ -9,6 +9,7 @@ pub mod guidance;
 pub mod health;
 pub mod map;
 pub mod observation;
+pub mod picture;
 
 pub use alarm::{Alarm, AlarmKind};
 pub use announcement::{Announcement, CameraSummary};
@@ -21,3 +22,4 @@ pub use observation::{
     ElevationEnd, Feature, Motion, ObjectClass, Observation, Odometry, PeerSighting, SightedRange, Stages,
     TrackObservation, TrackState,
 };
+pub use picture::PictureKind;

@@ -2,6 +2,7 @@
 
 use bincode::{Decode, Encode};
 
+use crate::codec::{Invalid, Kind, Message, Subject, bounded_decode, check};
 use crate::id::{RobotId, TrackId};
 use crate::time::Timestamp;
 
@@ -37,4 +38,24 @@ pub enum AlarmKind {
     PersonAppeared(TrackId),
     /// A person left.
     PersonLeft(TrackId),
+}
+
+/// Most bytes of a reason.
+pub const MAX_REASON_LEN: usize = 128;
+
+impl Message for Alarm {
+    const KIND: Kind = Kind::Alarm;
+
+    fn validate(&self) -> Result<(), Invalid> {
+        match &self.kind {
+            AlarmKind::SensorFailure(reason) => check::text("reason", reason, MAX_REASON_LEN),
+            _ => Ok(()),
+        }
+    }
+
+    fn subject(&self) -> Subject {
+        Subject::Robot(self.robot)
+    }
+
+    bounded_decode!(Kind::Alarm);
 }

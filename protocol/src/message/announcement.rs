@@ -1,7 +1,10 @@
 //! Who a robot is: published at start and after every change; the last one is kept for late joiners.
 
+use std::f64::consts::{FRAC_PI_2, PI};
+
 use bincode::{Decode, Encode};
 
+use crate::codec::{Invalid, Kind, Message, Subject, bounded_decode, check};
 use crate::id::RobotId;
 use crate::marker::Marker;
 
@@ -38,4 +41,40 @@ pub struct CameraSummary {
     pub elevation_rad: [f64; 2],
     /// Nominal frames a second.
     pub frame_rate_hz: f64,
+}
+
+/// Most bytes of a host name.
+pub const MAX_HOST_LEN: usize = 64;
+/// Most bytes of a version or a model's name.
+pub const MAX_WORD_LEN: usize = 32;
+
+impl Message for Announcement {
+    const KIND: Kind = Kind::Announcement;
+
+    fn validate(&self) -> Result<(), Invalid> {
+        check::text("host", &self.host, MAX_HOST_LEN)?;
+        check::text("version", &self.version, MAX_WORD_LEN)?;
+        self.marker.validate()?;
+        self.camera.validate()
+    }
+
+    fn subject(&self) -> Subject {
+        Subject::Robot(self.robot)
+    }
+
+    bounded_decode!(Kind::Announcement);
+}
+
+impl CameraSummary {
+    fn validate(&self) -> Result<(), Invalid> {
+        check::text("camera.model", &self.model, MAX_WORD_LEN)?;
+        check::in_range("camera.height_m", self.height_m, f64::MIN_POSITIVE, 10.0)?;
+        check::in_range("camera.height_sigma_m", self.height_sigma_m, 0.0, 10.0)?;
+        check::in_range("camera.tilt_sigma_rad", self.tilt_sigma_rad, 0.0, PI)?;
+        let [lowest, highest] = self.elevation_rad;
+        check::in_range("camera.elevation_rad", lowest, -FRAC_PI_2, FRAC_PI_2)?;
+        check::in_range("camera.elevation_rad", highest, -FRAC_PI_2, FRAC_PI_2)?;
+        check::consistent(lowest < highest, "camera.elevation_rad", "is empty")?;
+        check::in_range("camera.frame_rate_hz", self.frame_rate_hz, 0.0, 1000.0)
+    }
 }

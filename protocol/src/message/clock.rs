@@ -2,6 +2,7 @@
 
 use bincode::{Decode, Encode};
 
+use crate::codec::{Invalid, Kind, Message, bounded_decode};
 use crate::time::Timestamp;
 
 /// The leader asks.
@@ -22,4 +23,24 @@ pub struct ClockReply {
     pub replied: Timestamp,
     /// The robot's session.
     pub epoch: u64,
+}
+
+impl Message for ClockProbe {
+    const KIND: Kind = Kind::ClockProbe;
+
+    fn validate(&self) -> Result<(), Invalid> {
+        Ok(())
+    }
+
+    bounded_decode!(Kind::ClockProbe);
+}
+
+impl Message for ClockReply {
+    const KIND: Kind = Kind::ClockReply;
+
+    fn validate(&self) -> Result<(), Invalid> {
+        Ok(())
+    }
+
+    bounded_decode!(Kind::ClockReply);
 }

@@ -2,6 +2,7 @@
 
 use bincode::{Decode, Encode};
 
+use crate::codec::{Invalid, Kind, Message, bounded_decode, check};
 /// What an operator or a leader may ask of an agent.
 #[derive(Debug, Clone, PartialEq, Encode, Decode)]
 pub enum Command {
@@ -41,4 +42,37 @@ pub enum CommandReply {
         /// Peers seen in the last frame.
         peers: u32,
     },
+}
+
+/// Fastest rate that may be asked for.
+pub const MAX_FRAME_RATE_HZ: f32 = 120.0;
+/// Most bytes of a refusal's reason.
+pub const MAX_REFUSAL_LEN: usize = 256;
+
+impl Message for Command {
+    const KIND: Kind = Kind::Command;
+
+    fn validate(&self) -> Result<(), Invalid> {
+        match self {
+            Self::SetFrameRate(rate_hz) => {
+                check::in_range("rate_hz", *rate_hz, f32::MIN_POSITIVE.into(), MAX_FRAME_RATE_HZ.into())
+            }
+            _ => Ok(()),
+        }
+    }
+
+    bounded_decode!(Kind::Command);
+}
+
+impl Message for CommandReply {
+    const KIND: Kind = Kind::CommandReply;
+
+    fn validate(&self) -> Result<(), Invalid> {
+        match self {
+            Self::Refused(why) => check::text("why", why, MAX_REFUSAL_LEN),
+            _ => Ok(()),
+        }
+    }
+
+    bounded_decode!(Kind::CommandReply);
 }

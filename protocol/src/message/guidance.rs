@@ -2,6 +2,7 @@
 
 use bincode::{Decode, Encode};
 
+use crate::codec::{Invalid, Kind, Message, Subject, bounded_decode, check};
 use crate::frames::Pose2;
 use crate::id::RobotId;
 use crate::time::Timestamp;
@@ -19,4 +20,20 @@ pub struct Guidance {
     pub error_here_m: f64,
     /// The same at the goal.
     pub error_there_m: f64,
+}
+
+impl Message for Guidance {
+    const KIND: Kind = Kind::Guidance;
+
+    fn validate(&self) -> Result<(), Invalid> {
+        self.team_from_goal.validate("team_from_goal")?;
+        check::in_range("error_here_m", self.error_here_m, 0.0, f64::MAX)?;
+        check::in_range("error_there_m", self.error_there_m, 0.0, f64::MAX)
+    }
+
+    fn subject(&self) -> Subject {
+        Subject::Robot(self.robot)
+    }
+
+    bounded_decode!(Kind::Guidance);
 }

@@ -2,6 +2,7 @@
 
 use bincode::{Decode, Encode};
 
+use crate::codec::{Invalid, Kind, Message, Subject, bounded_decode, check};
 use crate::id::RobotId;
 use crate::time::Timestamp;
 
@@ -43,4 +44,23 @@ pub struct KindTraffic {
     pub messages: u64,
     /// Bytes of the envelopes.
     pub payload_bytes: u64,
+}
+
+/// Most kinds of messages in a report.
+pub const MAX_TRAFFIC: usize = 32;
+
+impl Message for Health {
+    const KIND: Kind = Kind::Health;
+
+    fn validate(&self) -> Result<(), Invalid> {
+        check::in_range("frame_rate_hz", self.frame_rate_hz, 0.0, f64::from(f32::MAX))?;
+        check::all_finite("latency_ms", &self.latency_ms)?;
+        check::count("traffic", self.traffic.len(), MAX_TRAFFIC)
+    }
+
+    fn subject(&self) -> Subject {
+        Subject::Robot(self.robot)
+    }
+
+    bounded_decode!(Kind::Health);
 }

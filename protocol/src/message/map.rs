@@ -7,6 +7,7 @@
 
 use bincode::{Decode, Encode};
 
+use crate::codec::{Invalid, Kind, Message, Subject, bounded_decode, check};
 use crate::frames::Pose2;
 use crate::id::{LeaderId, RobotId, TargetId};
 use crate::time::Timestamp;
@@ -106,4 +107,61 @@ pub struct MapTarget {
     pub observers: Vec<RobotId>,
     /// Seconds since it was last measured.
     pub age_s: f32,
+}
+
+/// Most bytes of the explanation.
+pub const MAX_EXPLANATION_LEN: usize = 256;
+
+impl Message for TeamMap {
+    const KIND: Kind = Kind::TeamMap;
+
+    fn validate(&self) -> Result<(), Invalid> {
+        check::in_range("oldest_contribution_s", self.oldest_contribution_s, 0.0, f64::from(f32::MAX))?;
+        check::text("explanation", &self.explanation, MAX_EXPLANATION_LEN)?;
+        check::count("robots", self.robots.len(), MAX_ROBOTS)?;
+        check::count("targets", self.targets.len(), MAX_TARGETS)?;
+        self.robots.iter().try_for_each(MapRobot::validate)?;
+        let pose_entries = 3 * self.robots.iter().filter(|robot| robot.team_from_body.is_some()).count();
+        check::covariance("joint_covariance", &self.joint_covariance, pose_entries)?;
+        self.targets.iter().try_for_each(|target| target.validate(pose_entries))
+    }
+
+    fn subject(&self) -> Subject {
+        Subject::Leader(self.leader)
+    }
+
+    bounded_decode!(Kind::TeamMap);
+}
+
+impl MapRobot {
+    fn validate(&self) -> Result<(), Invalid> {
+        if let Some(pose) = &self.team_from_body {
+            pose.validate("robots.team_from_body")?;
+        }
+        if let Some((offset, sigma)) = self.clock_offset_s {
+            check::finite("robots.clock_offset_s", offset)?;
+            check::in_range("robots.clock_offset_s", sigma, 0.0, f64::from(f32::MAX))?;
+        }
+        Ok(())
+    }
+}
+
+impl MapTarget {
+    fn validate(&self, pose_entries: usize) -> Result<(), Invalid> {
+        check::all_finite("targets.position_m", &self.position_m)?;
+        check::all_finite("targets.velocity_mps", &self.velocity_mps)?;
+        if let Some((height, sigma)) = self.height_m {
+            check::finite("targets.height_m", height)?;
+            check::in_range("targets.height_m", sigma, 0.0, f64::from(f32::MAX))?;
+        }
+        check::covariance("targets.own_covariance", &self.own_covariance, 3)?;
+        check::consistent(
+            self.pose_jacobian.len() == 2 * pose_entries,
+            "targets.pose_jacobian",
+            "has not two rows of three entries a robot with a pose",
+        )?;
+        check::all_finite("targets.pose_jacobian", &self.pose_jacobian)?;
+        check::count("targets.observers", self.observers.len(), MAX_ROBOTS)?;
+        check::in_range("targets.age_s", self.age_s, 0.0, f64::from(f32::MAX))
+    }
 }

@@ -2,8 +2,13 @@
 //!
 //! All angles are in the robot's body frame (x forward, y left, z up), counter-clockwise, tilt of the mounting removed.
 
+mod wire;
+
+use std::f64::consts::FRAC_PI_2;
+
 use bincode::{Decode, Encode};
 
+use crate::codec::{Invalid, Kind, Message, bounded_decode, check};
 use crate::id::{RobotId, TrackId};
 use crate::quantity::{Angle16, Fraction8, LogSigma, Millimetres};
 use crate::time::Timestamp;
@@ -16,7 +21,7 @@ pub const MAX_TRACKS: usize = 64;
 pub const MAX_FEATURES: usize = 32;
 
 /// One frame of one robot.
-#[derive(Debug, Clone, PartialEq, Encode, Decode)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct Observation {
     /// Session of the agent, as announced.
     pub epoch: u64,
@@ -37,7 +42,7 @@ pub struct Observation {
 }
 
 /// What the robot itself is doing, as far as it knows. Tracks are suspended in every state but `Standing`.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Encode, Decode)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Motion {
     /// The picture stands still.
     Standing,
@@ -65,7 +70,7 @@ pub struct Odometry {
 }
 
 /// Bit set of the stages that ran.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Encode, Decode)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Stages(pub u8);
 
 impl Stages {
@@ -91,7 +96,7 @@ impl Stages {
 }
 
 /// A fellow robot in the picture.
-#[derive(Debug, Clone, PartialEq, Encode, Decode)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct PeerSighting {
     /// Which of the announced markers it wears: index into the kinds cylinder 0, bars 1, rectangle 2.
     pub marker: u8,
@@ -112,7 +117,7 @@ pub struct PeerSighting {
 }
 
 /// Distance along the floor with one standard deviation.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Encode, Decode)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct SightedRange {
     /// To the axis.
     pub range: Millimetres,
@@ -122,7 +127,7 @@ pub struct SightedRange {
 
 /// One raw measurement on a marker. The bearing is of the feature itself (an occluding edge, a bar); the elevations are of
 /// the lower and upper end of the marker's `height_m` on its *near* surface (range − radius for a cylinder).
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Encode, Decode)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Feature {
     /// Which part.
     pub part: FeaturePart,
@@ -135,7 +140,7 @@ pub struct Feature {
 }
 
 /// Which part of a marker a feature is.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Encode, Decode)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum FeaturePart {
     /// Left occluding edge (larger bearing).
     Left,
@@ -148,7 +153,7 @@ pub enum FeaturePart {
 }
 
 /// A moving object as this robot sees it.
-#[derive(Debug, Clone, PartialEq, Encode, Decode)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct TrackObservation {
     /// Which.
     pub track: TrackId,
@@ -177,7 +182,7 @@ pub struct TrackObservation {
 }
 
 /// How a track is seen in this frame.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Encode, Decode)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum TrackState {
     /// Measured alone.
     Visible,
@@ -188,7 +193,7 @@ pub enum TrackState {
 }
 
 /// What an end of an elevation interval is. A `Cut` or `Hidden` end is a one-sided bound, never a measurement.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Encode, Decode)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum ElevationEnd {
     /// The object ends there.
     Seen,
@@ -199,7 +204,7 @@ pub enum ElevationEnd {
 }
 
 /// What a track is.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Encode, Decode)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum ObjectClass {
     /// Not decided.
     Unknown,
@@ -211,4 +216,52 @@ pub enum ObjectClass {
     Swaying,
     /// Something else.
     Other,
+}
+
+impl Message for Observation {
+    const KIND: Kind = Kind::Observation;
+
+    fn validate(&self) -> Result<(), Invalid> {
+        check::count("sightings", self.sightings.len(), MAX_SIGHTINGS)?;
+        check::count("tracks", self.tracks.len(), MAX_TRACKS)?;
+        check::in_range("stages", self.stages.0, 0.0, Stages::ALL.0.into())?;
+        if let Some(odometry) = &self.odometry {
+            check::all_finite("odometry", &[odometry.dx_m, odometry.dy_m, odometry.dheading_rad])?;
+            check::covariance("odometry.covariance", &odometry.covariance, 3)?;
+        }
+        self.sightings.iter().try_for_each(PeerSighting::validate)?;
+        self.tracks.iter().try_for_each(TrackObservation::validate)
+    }
+
+    bounded_decode!(Kind::Observation);
+}
+
+impl PeerSighting {
+    fn validate(&self) -> Result<(), Invalid> {
+        check::in_range("sightings.marker", self.marker, 0.0, 2.0)?;
+        check::count("sightings.features", self.features.len(), MAX_FEATURES)?;
+        for feature in &self.features {
+            if let FeaturePart::Edge(edge) = feature.part {
+                check::in_range("sightings.features.edge", edge, 0.0, 1.0)?;
+            }
+            if let Some((ends, _)) = feature.elevation {
+                elevations("sightings.features.elevation", ends)?;
+            }
+        }
+        Ok(())
+    }
+}
+
+impl TrackObservation {
+    fn validate(&self) -> Result<(), Invalid> {
+        elevations("tracks.elevation", self.elevation)
+    }
+}
+
+/// Two elevations from −90° to 90°, the lower one first.
+fn elevations(field: &'static str, ends: [Angle16; 2]) -> Result<(), Invalid> {
+    for end in ends {
+        check::in_range(field, end.rad(), -FRAC_PI_2, FRAC_PI_2)?;
+    }
+    check::consistent(ends[0] <= ends[1], field, "has its lower end above its upper one")
 }
