@@ -5,6 +5,8 @@ pub mod cli;
 pub mod clock_offset;
 pub mod config;
 pub mod correspondence;
+#[cfg(test)]
+mod golden;
 pub mod leader;
 pub mod planning;
 pub mod service;

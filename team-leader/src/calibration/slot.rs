@@ -1,0 +1,217 @@
+//! One place where one standing robot sees another, averaged.
+//!
+//! ```text
+//!  first sighting ──▶ growing (mean of all frames that fit) ──▶ ended: the observer or the peer moves, or forgotten
+//! ```
+//!
+//! The last half second is kept apart: a robot notices its own motion late, and what was seen in between must not spoil
+//! the mean of the place it left.
+
+use std::collections::VecDeque;
+
+use protocol::angle::wrap;
+use protocol::time::Timestamp;
+
+/// How late a robot may notice that it moves, seconds.
+pub const NOTICE_S: f64 = 0.5;
+/// Most sightings kept apart.
+const MAX_PENDING: usize = 64;
+/// A sighting further from the mean than this many sigmas belongs elsewhere.
+const GATE_SIGMAS: f64 = 5.0;
+
+/// One sighting of a fellow robot: bearing, and apparent width of the reference cylinder (from its range) where known.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Sighted {
+    /// In the observer's body frame, radians.
+    pub bearing_rad: f64,
+    /// Variance, rad².
+    pub bearing_var: f64,
+    /// Width, and its variance, rad and rad².
+    pub width_rad: Option<(f64, f64)>,
+    /// Who it is, where the marker says so.
+    pub robot: Option<usize>,
+}
+
+/// The mean of a slot; variances are of the white part alone.
+pub type SlotMean = Sighted;
+
+/// A place where an observer sees a robot.
+#[derive(Debug, Clone)]
+pub struct Slot {
+    /// Who it is, as far as the team knows.
+    pub name: Option<usize>,
+    /// Who it is, as the marker says.
+    pub told: Option<usize>,
+    /// When it was seen first and last, leader's clock.
+    pub first: Timestamp,
+    /// See `first`.
+    pub last: Timestamp,
+    reference_rad: f64,
+    bearing: Sums,
+    width: Sums,
+    pending: VecDeque<(Timestamp, Sighted)>,
+}
+
+/// Weighted sums for mean and scatter.
+#[derive(Debug, Clone, Copy, Default)]
+struct Sums {
+    n: u32,
+    w: f64,
+    wx: f64,
+    wxx: f64,
+}
+
+impl Sums {
+    fn add(&mut self, x: f64, var: f64) {
+        let w = 1.0 / var;
+        self.n += 1;
+        self.w += w;
+        self.wx += w * x;
+        self.wxx += w * x * x;
+    }
+
+    /// Mean and its variance. Sightings that scatter more than their sigmas say raise it.
+    fn mean(&self) -> Option<(f64, f64)> {
+        if self.n == 0 {
+            return None;
+        }
+        let mean = self.wx / self.w;
+        let excess =
+            if self.n < 5 { 1.0 } else { ((self.wxx - self.w * mean * mean) / f64::from(self.n - 1)).max(1.0) };
+        Some((mean, excess / self.w))
+    }
+}
+
+impl Slot {
+    /// A slot of one sighting.
+    pub fn new(at: Timestamp, sighted: Sighted) -> Self {
+        let mut slot = Self {
+            name: None,
+            told: sighted.robot,
+            first: at,
+            last: at,
+            reference_rad: sighted.bearing_rad,
+            bearing: Sums::default(),
+            width: Sums::default(),
+            pending: VecDeque::new(),
+        };
+        slot.add(at, sighted);
+        slot
+    }
+
+    /// One more sighting that fits.
+    pub fn add(&mut self, at: Timestamp, sighted: Sighted) {
+        self.last = self.last.max(at);
+        self.told = self.told.or(sighted.robot);
+        self.pending.push_back((at, sighted));
+        while let Some(&(then, old)) = self.pending.front()
+            && (at.seconds_since(then) > NOTICE_S || self.pending.len() > MAX_PENDING)
+        {
+            let _ = self.pending.pop_front();
+            commit(&mut self.bearing, &mut self.width, self.reference_rad, old);
+        }
+    }
+
+    /// Squared distance of a sighting from the mean in sigmas, worst coordinate; `None` outside the gate.
+    pub fn distance2(&self, sighted: &Sighted, floor_var: f64) -> Option<f64> {
+        let mean = self.mean();
+        let db = wrap(sighted.bearing_rad - mean.bearing_rad);
+        let mut worst = db * db / (sighted.bearing_var + mean.bearing_var + floor_var);
+        if let (Some((a, va)), Some((b, vb))) = (sighted.width_rad, mean.width_rad) {
+            worst = worst.max((a - b) * (a - b) / (va + vb + floor_var));
+        }
+        let names_agree = self.told.is_none() || sighted.robot.is_none() || self.told == sighted.robot;
+        (names_agree && worst < GATE_SIGMAS * GATE_SIGMAS).then_some(worst)
+    }
+
+    /// How many sightings it has.
+    pub fn count(&self) -> u32 {
+        self.bearing.n + self.pending.len() as u32
+    }
+
+    /// The mean of everything, up to now.
+    pub fn mean(&self) -> SlotMean {
+        let (mut bearing, mut width) = (self.bearing, self.width);
+        for &(_, sighted) in &self.pending {
+            commit(&mut bearing, &mut width, self.reference_rad, sighted);
+        }
+        self.mean_of(&bearing, &width)
+    }
+
+    /// The mean of what was seen for certain before a motion that was noticed at `noticed`; `None` if there is nothing.
+    pub fn mean_before(&self, noticed: Timestamp) -> Option<SlotMean> {
+        let (mut bearing, mut width) = (self.bearing, self.width);
+        for &(at, sighted) in &self.pending {
+            if noticed.seconds_since(at) > NOTICE_S {
+                commit(&mut bearing, &mut width, self.reference_rad, sighted);
+            }
+        }
+        (bearing.n > 0).then(|| self.mean_of(&bearing, &width))
+    }
+
+    fn mean_of(&self, bearing: &Sums, width: &Sums) -> SlotMean {
+        let (offset_rad, bearing_var) = bearing.mean().unwrap_or((0.0, 1.0));
+        Sighted {
+            bearing_rad: wrap(self.reference_rad + offset_rad),
+            bearing_var,
+            width_rad: width.mean(),
+            robot: self.told,
+        }
+    }
+}
+
+fn commit(bearing: &mut Sums, width: &mut Sums, reference_rad: f64, sighted: Sighted) {
+    bearing.add(wrap(sighted.bearing_rad - reference_rad), sighted.bearing_var);
+    if let Some((w, var)) = sighted.width_rad {
+        width.add(w, var);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn at(s: f64) -> Timestamp {
+        Timestamp::from_secs_f64(1000.0 + s)
+    }
+
+    fn sighted(bearing_rad: f64) -> Sighted {
+        Sighted { bearing_rad, bearing_var: 1e-6, width_rad: Some((0.2, 4e-6)), robot: None }
+    }
+
+    #[test]
+    fn the_mean_of_a_slot_behind_the_robot_does_not_break_at_the_seam() {
+        let mut slot = Slot::new(at(0.0), sighted(3.1410));
+        slot.add(at(0.1), sighted(-3.1410));
+        assert!(wrap(slot.mean().bearing_rad - std::f64::consts::PI).abs() < 1e-6);
+        assert!((slot.mean().bearing_var - 5e-7).abs() < 1e-12);
+    }
+
+    #[test]
+    fn what_was_seen_after_the_motion_began_is_left_out() {
+        let mut slot = Slot::new(at(0.0), sighted(0.0));
+        for k in 1..20 {
+            slot.add(at(0.1 * f64::from(k)), sighted(0.0));
+        }
+        slot.add(at(2.0), sighted(0.004));
+        assert!(slot.mean().bearing_rad > 1e-4);
+        assert_eq!(slot.mean_before(at(2.1)).unwrap().bearing_rad, 0.0);
+        assert!(Slot::new(at(0.0), sighted(0.0)).mean_before(at(0.1)).is_none());
+    }
+
+    #[test]
+    fn scatter_beyond_the_stated_sigma_raises_the_variance() {
+        let mut slot = Slot::new(at(0.0), sighted(0.003));
+        for k in 1..20 {
+            slot.add(at(0.1 * f64::from(k)), sighted(if k % 2 == 0 { 0.003 } else { -0.003 }));
+        }
+        assert!(slot.mean().bearing_var > 5.0 * 1e-6 / 20.0);
+    }
+
+    #[test]
+    fn a_sighting_elsewhere_is_refused() {
+        let slot = Slot::new(at(0.0), sighted(0.0));
+        assert!(slot.distance2(&sighted(0.001), 0.0).is_some());
+        assert!(slot.distance2(&sighted(0.02), 0.0).is_none());
+    }
+}
