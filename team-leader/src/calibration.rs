@@ -19,7 +19,7 @@
 pub mod block;
 pub mod closed_form;
 pub mod kernel;
-//pub mod live;
+pub mod live;
 pub mod naming;
-//pub mod rover;
+pub mod rover;
 pub mod slot;

@@ -103,8 +103,13 @@ mod tests {
             let mut clock: Option<ClockOffset> = None;
             let mut at_s = 0.0;
             for _ in 0..20 {
-                let (r, arrived) =
-                    reply(at_s, rng.random_range(1e-4..0.02), rng.random_range(0.0..0.01), rng.random_range(1e-4..0.02), offset_s);
+                let (r, arrived) = reply(
+                    at_s,
+                    rng.random_range(1e-4..0.02),
+                    rng.random_range(0.0..0.01),
+                    rng.random_range(1e-4..0.02),
+                    offset_s,
+                );
                 match &mut clock {
                     Some(c) => assert!(c.narrow(&r, arrived)),
                     None => clock = ClockOffset::from_reply(&r, arrived, 0.0),

@@ -1,1 +1,304 @@
-//! Being written.
+//! Which tracks of which robots are one object.
+//!
+//! Problem: each robot follows objects by bearing under its own numbers; the same person has another number at every
+//! robot, vanishes in merged regions, and two crossing rays meet where nobody stands (a ghost).
+//!
+//! Insight: a binding once made is worth more than any single frame, and a wrong one shows: its bearings leave the
+//! target's prediction, its ranges (feet, head, width) contradict, a third robot sees nothing there.
+//!
+//! ```text
+//!  track of a frame ─┬─ assigned to a target (optimal assignment, bound pairs preferred) ──▶ updates the target's filter
+//!                    └─ loose ──▶ paired with loose tracks of other robots, evidence gathered over frames
+//!                                    └─ clearly best pair ──▶ new target (or a lost one found again)
+//!  target ── unseen too long, or contradicted ──▶ dropped; remembered for a while to get its number back
+//! ```
+
+mod assignment;
+mod birth;
+mod memory;
+mod upkeep;
+
+use nalgebra::{Matrix2, Matrix3, RowVector3, Vector2};
+use protocol::frames::Pose2;
+use protocol::id::{TargetId, TrackId};
+use protocol::message::{TrackObservation, TrackState};
+use protocol::time::Timestamp;
+
+use crate::calibration::live::{Calibrator, Changes};
+use crate::leader::config::TargetConfig;
+use crate::stereo::range_cue::{CameraFacts, RangeCue};
+use crate::stereo::target::{BearingFrom, Innovation, Target};
+use birth::{Departed, Pair};
+use memory::Memory;
+
+/// Most targets followed at once.
+const MAX_TARGETS: usize = 256;
+/// Most tracks remembered.
+const MAX_MEMORIES: usize = 1024;
+/// Part of a merged region's width that is the standard deviation of one object's bearing in it.
+const MERGED_SPREAD: f64 = 0.3;
+/// Updates after which a target is believed.
+const CONFIRMED_UPDATES: u32 = 6;
+/// Variance below which the height of a top does not fall, m².
+const TOP_FLOOR_VAR: f64 = 0.0016;
+/// A target counts as seen by a robot for so long after its last bearing, seconds.
+pub const OBSERVED_S: f64 = 0.35;
+
+/// All moving objects.
+#[derive(Debug)]
+pub struct Follower {
+    config: TargetConfig,
+    targets: Vec<Followed>,
+    memories: Vec<Memory>,
+    pairs: Vec<Pair>,
+    departed: Vec<Departed>,
+    vacated: Vec<(Vector2<f64>, Timestamp)>,
+    next_id: u32,
+    newest: Timestamp,
+}
+
+/// One object.
+#[derive(Debug, Clone)]
+pub struct Followed {
+    /// Its number in the team.
+    pub id: TargetId,
+    /// Its filter.
+    pub target: Target,
+    /// Last bearing by each robot, and whether it was of the object alone.
+    pub observers: Vec<(usize, Timestamp)>,
+    /// Last bearing at all.
+    pub last: Timestamp,
+    updates: u32,
+    two_robots: bool,
+    /// Running mean of how badly the ranges of single robots fit.
+    misfit: f64,
+    /// Since when each robot that should see it does not.
+    absent: Vec<(usize, Timestamp)>,
+}
+
+/// The tracks of one frame of a standing robot.
+#[derive(Debug, Clone, Copy)]
+pub struct Frame<'a> {
+    /// Whose.
+    pub robot: usize,
+    /// Capture, leader's clock.
+    pub at: Timestamp,
+    /// Its standard deviation, seconds.
+    pub at_sigma_s: f64,
+    /// Where the robot stands.
+    pub pose: Pose2,
+    /// Its camera.
+    pub camera: CameraFacts,
+    /// What it follows.
+    pub tracks: &'a [TrackObservation],
+}
+
+/// A measured track, ready for use.
+#[derive(Debug, Clone, Copy)]
+struct Sight {
+    track: TrackId,
+    bearing_rad: f64,
+    sigma_rad: f64,
+    half_width_rad: f64,
+    merged: bool,
+    cue: RangeCue,
+    /// Elevation of the top and its sigma, where it is seen.
+    top: Option<(f64, f64)>,
+    /// A fellow robot that moves explains it.
+    peer: bool,
+}
+
+impl Follower {
+    /// Nothing moves yet.
+    pub fn new(config: TargetConfig) -> Self {
+        Self {
+            config,
+            targets: Vec::new(),
+            memories: Vec::new(),
+            pairs: Vec::new(),
+            departed: Vec::new(),
+            vacated: Vec::new(),
+            next_id: 1,
+            newest: Timestamp::default(),
+        }
+    }
+
+    /// All targets, believed or not.
+    pub fn targets(&self) -> &[Followed] {
+        &self.targets
+    }
+
+    /// Robots' poses were corrected, robots left their stations.
+    pub fn follow_changes(&mut self, changes: &Changes, at: Timestamp) {
+        for followed in &mut self.targets {
+            for (robot, shift) in &changes.shifts {
+                followed.target.shift(*robot, shift);
+            }
+            for (robot, _, covariance) in &changes.left {
+                followed.target.forget(*robot, covariance);
+            }
+        }
+        for (robot, pose, _) in &changes.left {
+            self.memories.retain(|m| m.robot != *robot);
+            self.pairs.retain(|p| p.a.0 != *robot && p.b.0 != *robot);
+            self.vacated.push((pose.position(), at));
+        }
+    }
+
+    /// The robot's session ended: its track numbers mean nothing any more.
+    pub fn forget_tracks(&mut self, robot: usize) {
+        self.memories.retain(|m| m.robot != robot);
+        self.pairs.retain(|p| p.a.0 != robot && p.b.0 != robot);
+    }
+
+    /// Works on one frame.
+    pub fn observe(&mut self, frame: &Frame<'_>, calibrator: &Calibrator) {
+        self.newest = self.newest.max(frame.at);
+        for followed in &mut self.targets {
+            followed.target.predict(self.newest);
+        }
+        let sights = self.sights(frame, calibrator);
+        self.remember(frame, &sights);
+        let assigned = self.assign(frame, &sights, calibrator);
+        for (sight, target) in sights.iter().zip(&assigned) {
+            if let Some(t) = *target {
+                self.measure(frame, sight, t, calibrator);
+            }
+        }
+        self.note_absences(frame, &sights, calibrator);
+        self.give_birth(frame, &sights, calibrator);
+        self.keep_up(calibrator);
+    }
+
+    fn sights(&self, frame: &Frame<'_>, calibrator: &Calibrator) -> Vec<Sight> {
+        let peers = self.moving_peers(frame, calibrator);
+        let measured = frame.tracks.iter().filter(|t| t.state != TrackState::Hidden);
+        measured
+            .map(|t| {
+                let merged = t.state == TrackState::Merged;
+                let width = t.width.rad().abs();
+                let sigma = t.bearing_sigma.value().max(1e-4);
+                let bearing_rad = t.bearing.rad();
+                let seen_top = t.ends[1] == protocol::message::ElevationEnd::Seen && !merged;
+                Sight {
+                    track: t.track,
+                    bearing_rad,
+                    sigma_rad: if merged { sigma.max(MERGED_SPREAD * width) } else { sigma },
+                    half_width_rad: 0.5 * width,
+                    merged,
+                    cue: RangeCue::of(t, frame.camera, self.config.person_height_m),
+                    top: seen_top
+                        .then(|| (t.elevation[1].rad(), t.elevation_sigma.value().hypot(frame.camera.tilt_sigma_rad))),
+                    peer: t.class == protocol::message::ObjectClass::Robot
+                        || peers.iter().any(|(b, half)| protocol::angle::difference(*b, bearing_rad).abs() < *half),
+                }
+            })
+            .collect()
+    }
+
+    /// Bearings and half widths of fellow robots that move (or stopped and are not yet placed): they are no people.
+    fn moving_peers(&self, frame: &Frame<'_>, calibrator: &Calibrator) -> Vec<(f64, f64)> {
+        calibrator
+            .rovers(frame.at)
+            .filter(|(robot, ..)| *robot != frame.robot)
+            .map(|(_, pose, covariance)| {
+                let d = (pose.position() - frame.pose.position()).norm().max(0.3);
+                let sigma = (covariance[(0, 0)] + covariance[(1, 1)]).sqrt().min(0.5);
+                (frame.pose.bearing_to(pose.position()), ((0.25 + 2.0 * sigma) / d).min(0.6))
+            })
+            .collect()
+    }
+
+    /// A sight as a bearing of a target at `range_m`. `repeat` weighs down frames whose errors are alike.
+    fn bearing(&self, frame: &Frame<'_>, sight: &Sight, range_m: f64, repeat: f64) -> BearingFrom {
+        let range_m = range_m.max(0.3);
+        let sway = self.config.axis_sway_m / range_m;
+        let timing = 1.2 * frame.at_sigma_s / range_m;
+        let var = (sight.sigma_rad.powi(2) + sway * sway) * repeat + timing * timing;
+        BearingFrom { robot: frame.robot, pose: frame.pose, bearing_rad: sight.bearing_rad, var, at: frame.at }
+    }
+
+    fn measure(&mut self, frame: &Frame<'_>, sight: &Sight, t: usize, calibrator: &Calibrator) {
+        let rough = self.bearing(frame, sight, 3.0, 1.0);
+        let range_m = self.targets[t].target.innovation(&rough).range_m;
+        let single = self.bearing(frame, sight, range_m, 1.0);
+        let innovation = self.targets[t].target.innovation(&single);
+        let d2 = gate_distance2(&innovation, &self.targets[t].target, &single, calibrator);
+        let id = self.targets[t].id;
+        let Some(memory) = self.memories.iter_mut().find(|m| m.is(frame.robot, sight.track)) else { return };
+        if !memory.hit(id, d2) {
+            return;
+        }
+        let followed = &self.targets[t];
+        let before = followed.observers.iter().find(|(r, _)| *r == frame.robot).map(|(_, at)| *at);
+        let since_s = before.map_or(1.0, |b| frame.at.seconds_since(b)).max(1e-3);
+        let repeat = (2.0 * self.config.correlation_s / since_s).clamp(1.0, 10.0);
+        let m = self.bearing(frame, sight, range_m, repeat);
+        let followed_alone =
+            followed.observers.iter().all(|(r, at)| *r == frame.robot || frame.at.seconds_since(*at) > OBSERVED_S);
+        let followed = &mut self.targets[t];
+        followed.target.update(&m);
+        followed.two_robots |= !followed_alone;
+        followed.last = followed.last.max(frame.at);
+        followed.updates += 1;
+        match followed.observers.iter_mut().find(|(r, _)| *r == frame.robot) {
+            Some((_, at)) => *at = frame.at,
+            None => followed.observers.push((frame.robot, frame.at)),
+        }
+        followed.absent.retain(|(r, _)| *r != frame.robot);
+        if sight.merged {
+            return;
+        }
+        followed.misfit += 0.05 * (sight.cue.cost(range_m) - followed.misfit);
+        if let (true, Some((log_range, spread))) = (followed_alone, sight.cue.log_range) {
+            let range_m = log_range.exp();
+            followed.target.update_range(&frame.pose, range_m, (spread * range_m).powi(2) * 2.0 * repeat);
+        }
+        if let Some((elevation, sigma)) = sight.top {
+            let range_var = followed.target.sigma_m().powi(2);
+            let (top, var) =
+                crate::stereo::triangulate::height_m(frame.camera.height_m, range_m, elevation, sigma, range_var);
+            followed.target.update_top(top, var * repeat + TOP_FLOOR_VAR, TOP_FLOOR_VAR);
+        }
+    }
+}
+
+impl Followed {
+    /// Whether it may be shown: believed, seen by two robots, sure enough.
+    pub fn is_confirmed(&self) -> bool {
+        self.updates >= CONFIRMED_UPDATES && self.two_robots
+    }
+
+    /// Position covariance with the poses' part, m².
+    pub fn covariance(&self, calibrator: &Calibrator) -> Matrix2<f64> {
+        let mut sum = self.target.own_covariance();
+        for (a, da) in self.target.dependence() {
+            for (b, db) in self.target.dependence() {
+                sum += da * calibrator.covariance(a, b) * db.transpose();
+            }
+        }
+        0.5 * (sum + sum.transpose())
+    }
+}
+
+/// Squared residual over its variance, with the poses' errors (of each robot by itself).
+fn gate_distance2(innovation: &Innovation, target: &Target, m: &BearingFrom, calibrator: &Calibrator) -> f64 {
+    let mut var = innovation.var;
+    let mut own_pose_counted = false;
+    for (robot, d) in target.dependence() {
+        let mut row: RowVector3<f64> = innovation.to_position() * d;
+        if robot == m.robot {
+            row += innovation.to_pose();
+            own_pose_counted = true;
+        }
+        var += quadratic(&row, &calibrator.covariance(robot, robot));
+    }
+    if !own_pose_counted {
+        var += quadratic(&innovation.to_pose(), &calibrator.covariance(m.robot, m.robot));
+    }
+    innovation.residual_rad.powi(2) / var
+}
+
+fn quadratic(row: &RowVector3<f64>, cov: &Matrix3<f64>) -> f64 {
+    (row * cov * row.transpose())[0]
+}

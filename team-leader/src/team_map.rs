@@ -1,1 +1,4 @@
-//! Being written.
+//! The map as a message and as JSON.
+
+pub mod build;
+pub mod json;

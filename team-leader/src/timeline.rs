@@ -57,7 +57,8 @@ impl Timeline {
         now: Option<Timestamp>,
     ) -> Result<Admission, Refusal> {
         let new_session = self.epoch != Some(epoch);
-        let refusal = if !new_session && (sequence <= self.last_sequence || self.last_capture.is_some_and(|l| at <= l)) {
+        let refusal = if !new_session && (sequence <= self.last_sequence || self.last_capture.is_some_and(|l| at <= l))
+        {
             Some(Refusal::OutOfOrder)
         } else if newest.is_some_and(|n| n.seconds_since(at) > LATEST_S) {
             Some(Refusal::Late)

@@ -254,8 +254,7 @@ impl Block {
         let mut gradient = prior_information * &away;
         let mut chi2 = away.dot(&gradient);
         for link in links {
-            let (Some(terms), Some(i), Some(j)) =
-                (self.terms(x, link), self.row(link.observer), self.row(link.peer))
+            let (Some(terms), Some(i), Some(j)) = (self.terms(x, link), self.row(link.observer), self.row(link.peer))
             else {
                 continue;
             };

@@ -174,7 +174,8 @@ fn open_slots<'a>(
 ) -> impl Iterator<Item = usize> + 'a {
     let robot = views[peer].robot;
     let slots = views[observer].slots.iter().enumerate();
-    slots.filter(move |(s, slot)| partial.names[observer][*s].is_none() && slot.robot.is_none_or(|told| told == robot))
+    slots
+        .filter(move |(s, slot)| partial.names[observer][*s].is_none() && slot.robot.is_none_or(|told| told == robot))
         .map(|(s, _)| s)
 }
 

@@ -1,0 +1,210 @@
+//! The calibration as it runs: one call an observation.
+
+mod robots;
+mod stations;
+
+use nalgebra::{Matrix3, Vector3};
+use protocol::frames::Pose2;
+use protocol::message::{MapStatus, Motion};
+use protocol::time::Timestamp;
+
+use super::block::Block;
+use super::slot::Sighted;
+use crate::leader::config::CalibrationConfig;
+use robots::Robot;
+
+/// A slot unseen for longer is not fresh, seconds: it keeps its name but proves nothing.
+const FRESH_S: f64 = 1.5;
+/// Sightings a slot needs before it is named.
+const LEAST_COUNT: u32 = 3;
+/// How long a robot must stand before it is named, seconds.
+const SETTLED_S: f64 = 0.3;
+/// Between attempts to name, seconds.
+const NAMING_INTERVAL_S: f64 = 0.2;
+/// Between checks of names that were given, seconds.
+const CHECK_INTERVAL_S: f64 = 1.0;
+/// Checks in a row that must contradict a place before it is given up.
+const CONTRADICTIONS: u32 = 3;
+/// Most slots of one robot.
+const MAX_SLOTS: usize = 48;
+
+/// Where all robots are. Robots are numbered as the leader met them; nothing else depends on their order.
+#[derive(Debug)]
+pub struct Calibrator {
+    config: CalibrationConfig,
+    anchor: Option<(usize, Pose2)>,
+    robots: Vec<Robot>,
+    block: Block,
+    gauge: Option<usize>,
+    ambiguous: Vec<usize>,
+    last_naming: Option<Timestamp>,
+    last_check: Option<Timestamp>,
+    last_solve: Option<Timestamp>,
+    changes: Changes,
+}
+
+/// One observation, as the calibration needs it.
+#[derive(Debug, Clone)]
+pub struct Look<'a> {
+    /// Whose.
+    pub robot: usize,
+    /// Capture, leader's clock.
+    pub at: Timestamp,
+    /// Since this robot's observation before, seconds.
+    pub since_last_s: Option<f64>,
+    /// What the robot was doing.
+    pub motion: Motion,
+    /// Motion since the observation before, with covariance.
+    pub odometry: Option<(Pose2, Matrix3<f64>)>,
+    /// Fellow robots.
+    pub sightings: &'a [Sighted],
+}
+
+/// What an observation changed for those who depend on the poses.
+#[derive(Debug, Clone, Default)]
+pub struct Changes {
+    /// Standing robots whose pose was corrected, and by how much (x, y, heading).
+    pub shifts: Vec<(usize, Vector3<f64>)>,
+    /// Robots that left their station: pose there and its covariance.
+    pub left: Vec<(usize, Pose2, Matrix3<f64>)>,
+}
+
+impl Calibrator {
+    /// Nobody is known.
+    pub fn new(config: CalibrationConfig) -> Self {
+        Self {
+            config,
+            anchor: None,
+            robots: Vec::new(),
+            block: Block::new(config.common_width_rad),
+            gauge: None,
+            ambiguous: Vec::new(),
+            last_naming: None,
+            last_check: None,
+            last_solve: None,
+            changes: Changes::default(),
+        }
+    }
+
+    /// One more robot; its number is the count before.
+    pub fn add_robot(&mut self, anchor: Option<Pose2>) -> usize {
+        let robot = self.robots.len();
+        self.robots.push(Robot::default());
+        if let Some(pose) = anchor {
+            self.anchor = Some((robot, pose));
+        }
+        robot
+    }
+
+    /// Works on one observation.
+    pub fn observe(&mut self, look: &Look<'_>) -> Changes {
+        self.changes = Changes::default();
+        self.follow_motion(look);
+        let rest = self.match_sightings(look);
+        if self.robots[look.robot].standing_since.is_some() && look.motion == Motion::Standing {
+            self.fill_slots(look.robot, look.at, &rest);
+        }
+        self.name_slots_of_members(look.robot, look.at);
+        self.name_strangers(look.at);
+        self.check_names(look.at);
+        self.solve(look.at);
+        std::mem::take(&mut self.changes)
+    }
+
+    /// The robot whose pose fixed the frame.
+    pub fn gauge(&self) -> Option<usize> {
+        self.gauge
+    }
+
+    /// Pose of a robot at `at`, where known.
+    pub fn pose(&self, robot: usize, at: Timestamp) -> Option<Pose2> {
+        self.block.pose(robot).or_else(|| Some(self.robots.get(robot)?.rover.as_ref()?.pose_at(at)))
+    }
+
+    /// Pose of a robot that stands and is a member of the block: only its bearings measure targets.
+    pub fn station(&self, robot: usize) -> Option<Pose2> {
+        self.block.pose(robot)
+    }
+
+    /// Robots that stand and are members, with their poses.
+    pub fn stations(&self) -> impl Iterator<Item = (usize, Pose2)> + '_ {
+        self.block.members().iter().filter_map(|&m| Some((m, self.block.pose(m)?)))
+    }
+
+    /// All robots with a pose, at `at`.
+    pub fn poses(&self, at: Timestamp) -> impl Iterator<Item = (usize, Pose2)> + '_ {
+        (0..self.robots.len()).filter_map(move |r| Some((r, self.pose(r, at)?)))
+    }
+
+    /// Robots that are followed as moving, with pose at `at` and covariance.
+    pub fn rovers(&self, at: Timestamp) -> impl Iterator<Item = (usize, Pose2, Matrix3<f64>)> + '_ {
+        let rovers = self.robots.iter().enumerate();
+        rovers.filter_map(move |(r, robot)| {
+            let rover = robot.rover.as_ref()?;
+            Some((r, rover.pose_at(at), rover.covariance(&self.block)))
+        })
+    }
+
+    /// Covariance between two robots with a pose (x, y, heading each).
+    pub fn covariance(&self, a: usize, b: usize) -> Matrix3<f64> {
+        let scale = self.scale();
+        if let Some(cov) = self.block.covariance(a, b) {
+            return scale * cov;
+        }
+        let mut sum = Matrix3::zeros();
+        for (m, dm) in self.dependence(a) {
+            for (n, dn) in self.dependence(b) {
+                sum += dm * self.block.covariance(m, n).unwrap_or_default() * dn.transpose();
+            }
+        }
+        let own = self.robots.get(a).and_then(|r| r.rover.as_ref()).filter(|_| a == b);
+        scale * sum + own.map_or_else(Matrix3::zeros, |r| r.own_covariance())
+    }
+
+    /// Whether the robot says that it moves (or has not yet said that it stands).
+    pub fn moves(&self, robot: usize) -> bool {
+        self.robots.get(robot).is_some_and(|r| r.standing_since.is_none())
+    }
+
+    /// How the calibration stands, with the robots that are the reason.
+    pub fn status(&self) -> (MapStatus, Vec<usize>) {
+        let unplaced: Vec<usize> =
+            (0..self.robots.len()).filter(|&r| self.robots[r].seen && !self.is_placed(r)).collect();
+        let (chi2, dof) = self.block.chi2();
+        if self.gauge.is_none() {
+            let status = if self.ambiguous.is_empty() { MapStatus::Waiting } else { MapStatus::Ambiguous };
+            return (status, if self.ambiguous.is_empty() { unplaced } else { self.ambiguous.clone() });
+        }
+        if dof > 0 && chi2 > protocol::estimate::chi2_quantile(1.0 - 1e-6, dof) {
+            return (MapStatus::Inconsistent, Vec::new());
+        }
+        if !self.ambiguous.is_empty() {
+            return (MapStatus::Ambiguous, self.ambiguous.clone());
+        }
+        let status = if unplaced.is_empty() { MapStatus::Converged } else { MapStatus::Insufficient };
+        (status, unplaced)
+    }
+
+    /// χ² of the standing robots' solution and its degrees of freedom.
+    pub fn chi2(&self) -> (f64, usize) {
+        self.block.chi2()
+    }
+
+    fn is_placed(&self, robot: usize) -> bool {
+        self.block.contains(robot) || self.robots[robot].rover.is_some()
+    }
+
+    /// Measurements that contradict each other more than chance allows make everything less certain.
+    fn scale(&self) -> f64 {
+        let (chi2, dof) = self.block.chi2();
+        if dof < 2 { 1.0 } else { (chi2 / protocol::estimate::chi2_quantile(0.95, dof)).max(1.0) }
+    }
+
+    fn dependence(&self, robot: usize) -> Vec<(usize, Matrix3<f64>)> {
+        if self.block.contains(robot) {
+            return vec![(robot, Matrix3::identity())];
+        }
+        let rover = self.robots.get(robot).and_then(|r| r.rover.as_ref());
+        rover.map(|r| r.dependence().collect()).unwrap_or_default()
+    }
+}

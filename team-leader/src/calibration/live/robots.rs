@@ -1,0 +1,218 @@
+//! Each robot by itself: motion, slots, following a moving one.
+
+use nalgebra::Matrix3;
+use protocol::message::Motion;
+use protocol::time::Timestamp;
+
+use super::{Calibrator, FRESH_S, LEAST_COUNT, Look, MAX_SLOTS};
+use crate::calibration::block::Link;
+use crate::calibration::kernel;
+use crate::calibration::rover::Rover;
+use crate::calibration::slot::{Sighted, Slot};
+
+/// A robot as the calibration knows it.
+#[derive(Debug, Default)]
+pub struct Robot {
+    /// It has sent an observation.
+    pub seen: bool,
+    /// Since when it stands; `None` while it moves or before it said so.
+    pub standing_since: Option<Timestamp>,
+    /// Where it sees others while it stands.
+    pub slots: Vec<Slot>,
+    /// While it moves, or stands but has not been tied to the standing ones yet.
+    pub rover: Option<Rover>,
+    /// Checks in a row that contradict its place.
+    pub contradictions: u32,
+}
+
+impl Calibrator {
+    /// Takes over what the robot says of its own motion.
+    pub(super) fn follow_motion(&mut self, look: &Look<'_>) {
+        let robot = &mut self.robots[look.robot];
+        robot.seen = true;
+        match look.motion {
+            Motion::Standing => {
+                if robot.standing_since.is_none() {
+                    robot.standing_since = Some(look.at);
+                    robot.slots.clear();
+                }
+            }
+            Motion::Turning | Motion::Moving | Motion::Lifted => {
+                if robot.standing_since.take().is_some() {
+                    self.depart(look.robot, look.at);
+                }
+            }
+            // Nothing is known: what stood is taken to stand, as long as nothing contradicts.
+            Motion::Unknown => {}
+        }
+        let standing = self.robots[look.robot].standing_since.is_some();
+        if let Some(rover) = &mut self.robots[look.robot].rover {
+            match (look.odometry, look.since_last_s) {
+                (Some((step, covariance)), Some(since_s)) if !standing => {
+                    rover.drive(look.at, step, &covariance, since_s);
+                }
+                _ => rover.predict(look.at, standing),
+            }
+        }
+    }
+
+    /// The robot leaves its station: what its links told goes into the prior, then it is followed as a rover.
+    pub(super) fn depart(&mut self, robot: usize, at: Timestamp) {
+        let mut ended = Vec::new();
+        for (observer, r) in self.robots.iter().enumerate() {
+            for slot in &r.slots {
+                let Some(peer) = slot.name else { continue };
+                if observer != robot && peer != robot {
+                    continue;
+                }
+                if let Some(mean) = slot.mean_before(at).filter(|_| slot.count() >= LEAST_COUNT) {
+                    ended.push(self.link(observer, peer, &mean));
+                }
+            }
+        }
+        self.robots[robot].slots.clear();
+        for r in &mut self.robots {
+            r.slots.retain(|s| s.name != Some(robot));
+        }
+        self.block.absorb(&ended);
+        let Some(covariance) = self.block.covariance(robot, robot) else { return };
+        let Some(departed) = self.block.remove(robot) else { return };
+        self.changes.left.push((robot, departed.team_from_body, covariance));
+        for r in &mut self.robots {
+            if let Some(rover) = &mut r.rover {
+                rover.forget(robot, &covariance);
+            }
+        }
+        let speeds = [self.config.speed_mps, self.config.turn_radps];
+        self.robots[robot].rover = Some(Rover::leaving(&departed, at, speeds));
+    }
+
+    /// Gives sightings to named slots and to rovers; returns those that nobody claims.
+    pub(super) fn match_sightings(&mut self, look: &Look<'_>) -> Vec<Sighted> {
+        let floored: Vec<Sighted> = look.sightings.iter().map(|s| self.with_floors(s)).collect();
+        if self.robots[look.robot].standing_since.is_none() {
+            self.follow_by_own_sightings(look, &floored);
+            return Vec::new();
+        }
+        if !self.block.contains(look.robot) {
+            return look.sightings.to_vec();
+        }
+        let mut free = vec![true; floored.len()];
+        for (k, sighted) in look.sightings.iter().enumerate() {
+            let floor_var = self.config.bearing_floor_rad.powi(2);
+            let slots = self.robots[look.robot].slots.iter();
+            if slots.filter(|s| s.name.is_some()).any(|s| s.distance2(sighted, floor_var).is_some()) {
+                free[k] = false;
+            }
+        }
+        let mut pairs: Vec<(f64, usize, usize)> = Vec::new();
+        for (r, robot) in self.robots.iter().enumerate() {
+            let Some(rover) = &robot.rover else { continue };
+            for (k, sighted) in floored.iter().enumerate().filter(|(k, s)| free[*k] && s.robot.is_none_or(|t| t == r)) {
+                if let Some(d2) = rover.distance2_seen(&self.block, look.robot, look.at, sighted) {
+                    pairs.push((d2, r, k));
+                }
+            }
+        }
+        let mut taken = vec![false; floored.len()];
+        for (r, k) in best_pairs(pairs) {
+            let standing = self.robots[r].standing_since.is_some();
+            if let Some(rover) = &mut self.robots[r].rover {
+                rover.predict(look.at, standing);
+                rover.update_seen(&self.block, look.robot, look.at, &floored[k]);
+            }
+            // A robot that stands again is to get a slot.
+            taken[k] = !standing;
+        }
+        look.sightings.iter().zip(taken).filter(|(_, t)| !t).map(|(s, _)| *s).collect()
+    }
+
+    fn follow_by_own_sightings(&mut self, look: &Look<'_>, floored: &[Sighted]) {
+        let Some(rover) = &self.robots[look.robot].rover else { return };
+        let mut pairs: Vec<(f64, usize, usize)> = Vec::new();
+        for &member in self.block.members() {
+            for (k, sighted) in floored.iter().enumerate().filter(|(_, s)| s.robot.is_none_or(|t| t == member)) {
+                if let Some(d2) = rover.distance2_sees(&self.block, member, look.at, sighted) {
+                    pairs.push((d2, member, k));
+                }
+            }
+        }
+        for (member, k) in best_pairs(pairs) {
+            if let Some(rover) = &mut self.robots[look.robot].rover {
+                rover.update_sees(&self.block, member, look.at, &floored[k]);
+            }
+        }
+    }
+
+    /// Averages sightings into slots; what fits none opens one.
+    pub(super) fn fill_slots(&mut self, robot: usize, at: Timestamp, sightings: &[Sighted]) {
+        let floor_var = self.config.bearing_floor_rad.powi(2);
+        let slots = &mut self.robots[robot].slots;
+        let mut pairs: Vec<(f64, usize, usize)> = Vec::new();
+        for (s, slot) in slots.iter().enumerate() {
+            for (k, sighted) in sightings.iter().enumerate() {
+                if let Some(d2) = slot.distance2(sighted, floor_var) {
+                    // Older slots are preferred a little: one place, one slot.
+                    pairs.push((d2 + if slot.name.is_some() { 0.0 } else { 1.0 }, s, k));
+                }
+            }
+        }
+        let mut used = vec![false; sightings.len()];
+        for (s, k) in best_pairs(pairs) {
+            slots[s].add(at, sightings[k]);
+            used[k] = true;
+        }
+        slots.retain(|s| s.name.is_some() || at.seconds_since(s.last) < 2.0 * FRESH_S);
+        for (sighted, _) in sightings.iter().zip(used).filter(|(_, u)| !u) {
+            if slots.len() < MAX_SLOTS {
+                slots.push(Slot::new(at, *sighted));
+            }
+        }
+    }
+
+    /// A slot's mean (or a sighting) with the errors that do not average out.
+    pub(super) fn with_floors(&self, mean: &Sighted) -> Sighted {
+        let width_var = self.config.width_floor_rad.powi(2);
+        Sighted {
+            bearing_var: mean.bearing_var + self.config.bearing_floor_rad.powi(2),
+            width_rad: mean.width_rad.map(|(w, var)| (w, var + width_var)),
+            ..*mean
+        }
+    }
+
+    pub(super) fn link(&self, observer: usize, peer: usize, mean: &Sighted) -> Link {
+        let mean = self.with_floors(mean);
+        Link { observer, peer, bearing_rad: mean.bearing_rad, bearing_var: mean.bearing_var, width_rad: mean.width_rad }
+    }
+
+    /// What a member should see of another at present: bearing and width, variances of the poses alone.
+    pub(super) fn predicted(&self, observer: usize, peer: usize) -> Option<Sighted> {
+        let (a, b) = (self.block.pose(observer)?, self.block.pose(peer)?);
+        let (from, to) = ([a.x_m, a.y_m, a.heading_rad], [b.x_m, b.y_m]);
+        let (bearing, b_from, b_to) = kernel::bearing(from, to);
+        let (range, d_from, d_to) = kernel::distance(from, to);
+        let (width, slope) = kernel::width(range);
+        let var = |from: [f64; 3], to: [f64; 2]| {
+            let f = nalgebra::RowVector3::from(from);
+            let t = nalgebra::RowVector3::new(to[0], to[1], 0.0);
+            let cov = |a, b| self.block.covariance(a, b).unwrap_or_else(Matrix3::zeros);
+            (f * cov(observer, observer) * f.transpose()
+                + t * cov(peer, peer) * t.transpose()
+                + 2.0 * f * cov(observer, peer) * t.transpose())[0]
+        };
+        let width_rad = Some((width + self.block.common_width_rad(), slope * slope * var(d_from, d_to)));
+        Some(Sighted { bearing_rad: bearing, bearing_var: var(b_from, b_to), width_rad, robot: None })
+    }
+}
+
+/// Closest pairs first, each left and right side once.
+fn best_pairs(mut pairs: Vec<(f64, usize, usize)>) -> Vec<(usize, usize)> {
+    pairs.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let mut chosen: Vec<(usize, usize)> = Vec::new();
+    for (_, left, right) in pairs {
+        if chosen.iter().all(|&(l, r)| l != left && r != right) {
+            chosen.push((left, right));
+        }
+    }
+    chosen
+}

@@ -1,0 +1,259 @@
+//! The standing robots together: names, checks of names, the joint solution.
+
+use nalgebra::{Matrix3, Vector3};
+use protocol::angle::wrap;
+use protocol::frames::Pose2;
+use protocol::time::Timestamp;
+
+use super::{CHECK_INTERVAL_S, CONTRADICTIONS, Calibrator, FRESH_S, LEAST_COUNT, NAMING_INTERVAL_S, SETTLED_S};
+use crate::calibration::naming::{self, Known, Naming, View};
+
+/// Covariance of the gauge: given, not measured.
+const GAUGE_VAR: f64 = 1e-10;
+/// Covariance of a member that only its links determine (m², m², rad²).
+const WEAK: [f64; 3] = [100.0, 100.0, 9.0];
+/// Blocks of more members are solved at most this often, seconds.
+const LARGE_BLOCK: usize = 8;
+const LARGE_BLOCK_INTERVAL_S: f64 = 0.1;
+/// Squared sigmas (two numbers) within which a slot of a member is a member that should be there.
+const SLOT_GATE: f64 = 18.0;
+/// A remembered pose that is further from the new one (squared sigmas of three numbers) is forgotten.
+const MEMORY_GATE: f64 = 16.0;
+
+impl Calibrator {
+    /// Names slots of a member that show another member where it must be.
+    pub(super) fn name_slots_of_members(&mut self, robot: usize, at: Timestamp) {
+        if !self.block.contains(robot) {
+            return;
+        }
+        let nameless: Vec<usize> = (0..self.robots[robot].slots.len())
+            .filter(|&s| {
+                let slot = &self.robots[robot].slots[s];
+                slot.name.is_none() && slot.count() >= LEAST_COUNT
+            })
+            .collect();
+        for s in nameless.into_iter().rev() {
+            let mean = self.with_floors(&self.robots[robot].slots[s].mean());
+            let best = self
+                .block
+                .members()
+                .iter()
+                .filter(|&&peer| peer != robot && mean.robot.is_none_or(|told| told == peer))
+                .filter_map(|&peer| {
+                    let predicted = self.predicted(robot, peer)?;
+                    let db = wrap(mean.bearing_rad - predicted.bearing_rad);
+                    let mut d2 = db * db / (mean.bearing_var + predicted.bearing_var);
+                    if let (Some((a, va)), Some((b, vb))) = (mean.width_rad, predicted.width_rad) {
+                        d2 += (a - b).powi(2) / (va + vb);
+                    }
+                    (d2 < SLOT_GATE).then_some((d2, peer))
+                })
+                .min_by(|a, b| a.0.total_cmp(&b.0));
+            let Some((_, peer)) = best else { continue };
+            let slots = &mut self.robots[robot].slots;
+            let rival = slots.iter().position(|slot| slot.name == Some(peer));
+            match rival {
+                None => slots[s].name = Some(peer),
+                // The older one has not been seen since: something in view has changed, the present counts.
+                Some(old) if at.seconds_since(slots[old].last) > FRESH_S => {
+                    slots[s].name = Some(peer);
+                    slots.remove(old);
+                    return;
+                }
+                Some(_) => {}
+            }
+        }
+    }
+
+    /// Tries to place standing robots that have no place among the standing ones.
+    pub(super) fn name_strangers(&mut self, at: Timestamp) {
+        let strangers =
+            (0..self.robots.len()).any(|r| self.robots[r].standing_since.is_some() && !self.block.contains(r));
+        if !strangers || self.last_naming.is_some_and(|t| at.seconds_since(t) < NAMING_INTERVAL_S) {
+            return;
+        }
+        self.last_naming = Some(at);
+        if !self.block.members().is_empty() {
+            let views = self.views(at, |r| match (self.block.pose(r), &self.robots[r].rover) {
+                (Some(pose), _) => Known::Fixed(pose),
+                (None, Some(rover)) => Known::Hint(rover.pose_at(at), rover.covariance(&self.block)),
+                (None, None) => Known::Nothing,
+            });
+            let naming = naming::name(&views, self.config.common_width_rad, self.config.naming_margin);
+            self.take_names(&naming, &views, at);
+            return;
+        }
+        // Nobody is placed: the first that stands and is tied to somebody carries the frame.
+        let mut roots: Vec<usize> = (0..self.robots.len()).filter(|&r| self.settled(r, at)).collect();
+        roots.sort_by_key(|&r| self.robots[r].standing_since);
+        let remembered = self.gauge.is_some();
+        self.ambiguous.clear();
+        for root in roots {
+            let (pose, covariance) = match (&self.robots[root].rover, remembered, self.anchor) {
+                (Some(rover), true, _) => (rover.pose_at(at), rover.covariance(&self.block)),
+                (None, true, _) => continue,
+                (_, false, Some((anchor, pose))) if anchor == root => (pose, Matrix3::identity() * GAUGE_VAR),
+                (_, false, Some(_)) => continue,
+                (_, false, None) => (Pose2::IDENTITY, Matrix3::identity() * GAUGE_VAR),
+            };
+            let views = self.views(at, |r| if r == root { Known::Fixed(pose) } else { Known::Nothing });
+            let naming = naming::name(&views, self.config.common_width_rad, self.config.naming_margin);
+            if naming.placed.len() >= 2 {
+                self.robots[root].rover = None;
+                self.block.insert(root, pose, &covariance);
+                self.gauge = self.gauge.or(Some(root));
+                self.take_names(&naming, &views, at);
+                return;
+            }
+            if self.ambiguous.is_empty() {
+                self.ambiguous.clone_from(&naming.ambiguous);
+            }
+        }
+    }
+
+    /// Looks at everything afresh from one member; whoever stands elsewhere than believed, again and again, is given up.
+    pub(super) fn check_names(&mut self, at: Timestamp) {
+        if self.block.members().len() < 2 || self.last_check.is_some_and(|t| at.seconds_since(t) < CHECK_INTERVAL_S) {
+            return;
+        }
+        self.last_check = Some(at);
+        let doubtful = self.block.members().iter().any(|&m| {
+            self.robots[m].slots.iter().any(|s| {
+                let fresh = at.seconds_since(s.last) < FRESH_S;
+                (s.name.is_none() && fresh && s.count() >= 8) || (s.name.is_some() && !fresh)
+            })
+        });
+        if !doubtful {
+            return;
+        }
+        let fresh_names = |m: usize| {
+            let slots = self.robots[m].slots.iter();
+            slots.filter(|s| s.name.is_some() && at.seconds_since(s.last) < FRESH_S).count()
+        };
+        let Some(root) = self.block.members().iter().copied().rev().max_by_key(|&m| fresh_names(m)) else { return };
+        let Some(pose) = self.block.pose(root) else { return };
+        let views = self.views(at, |r| if r == root { Known::Fixed(pose) } else { Known::Nothing });
+        let naming = naming::name(&views, self.config.common_width_rad, self.config.naming_margin);
+        let mut elsewhere = Vec::new();
+        let mut checked = 0;
+        for (robot, found) in &naming.placed {
+            let (Some(believed), true) = (self.block.pose(*robot), *robot != root) else { continue };
+            checked += 1;
+            let cov = self.block.covariance(*robot, *robot).unwrap_or_else(Matrix3::zeros);
+            let away_m = (found.position() - believed.position()).norm();
+            let turned_rad = wrap(found.heading_rad - believed.heading_rad).abs();
+            let moved = away_m > 0.1 + 5.0 * (cov[(0, 0)] + cov[(1, 1)]).sqrt()
+                || turned_rad > 0.035 + 5.0 * cov[(2, 2)].sqrt();
+            self.robots[*robot].contradictions = if moved { self.robots[*robot].contradictions + 1 } else { 0 };
+            if self.robots[*robot].contradictions >= CONTRADICTIONS {
+                elsewhere.push(*robot);
+            }
+        }
+        // If everybody seems to have moved, it was the one they were looked at from.
+        if checked > 1 && elsewhere.len() == checked {
+            elsewhere = vec![root];
+        }
+        for robot in elsewhere {
+            self.depart(robot, at);
+            self.robots[robot].rover = None;
+            for r in &mut self.robots {
+                r.contradictions = 0;
+            }
+        }
+    }
+
+    /// The joint solution; notes by how much it moved the members.
+    pub(super) fn solve(&mut self, at: Timestamp) {
+        let members = self.block.members().to_vec();
+        if members.is_empty()
+            || (members.len() > LARGE_BLOCK
+                && self.last_solve.is_some_and(|t| at.seconds_since(t) < LARGE_BLOCK_INTERVAL_S))
+        {
+            return;
+        }
+        self.last_solve = Some(at);
+        let mut links = Vec::new();
+        for &observer in &members {
+            for slot in &self.robots[observer].slots {
+                if let Some(peer) = slot.name.filter(|p| self.block.contains(*p)) {
+                    links.push(self.link(observer, peer, &slot.mean()));
+                }
+            }
+        }
+        let before: Vec<Option<Pose2>> = members.iter().map(|&m| self.block.pose(m)).collect();
+        self.block.solve(&links);
+        for (&m, old) in members.iter().zip(before) {
+            let (Some(new), Some(old)) = (self.block.pose(m), old) else { continue };
+            let shift = Vector3::new(new.x_m - old.x_m, new.y_m - old.y_m, wrap(new.heading_rad - old.heading_rad));
+            if shift.amax() > 0.0 {
+                self.changes.shifts.push((m, shift));
+            }
+        }
+        for (m, shift) in &self.changes.shifts {
+            for robot in &mut self.robots {
+                if let Some(rover) = &mut robot.rover {
+                    rover.shift(*m, shift);
+                }
+            }
+        }
+    }
+
+    fn settled(&self, robot: usize, at: Timestamp) -> bool {
+        self.robots[robot].standing_since.is_some_and(|t| at.seconds_since(t) >= SETTLED_S)
+    }
+
+    /// Slots that prove something now.
+    fn fresh_slots(&self, robot: usize, at: Timestamp) -> Vec<usize> {
+        let slots = &self.robots[robot].slots;
+        (0..slots.len())
+            .filter(|&s| slots[s].count() >= LEAST_COUNT && at.seconds_since(slots[s].last) < FRESH_S)
+            .collect()
+    }
+
+    fn views(&self, at: Timestamp, known: impl Fn(usize) -> Known) -> Vec<View> {
+        let standing = (0..self.robots.len()).filter(|&r| self.settled(r, at) || self.block.contains(r));
+        standing
+            .map(|robot| {
+                let mean = |s: usize| self.with_floors(&self.robots[robot].slots[s].mean());
+                let slots = self.fresh_slots(robot, at).into_iter().map(mean).collect();
+                View { robot, slots, known: known(robot) }
+            })
+            .collect()
+    }
+
+    fn take_names(&mut self, naming: &Naming, views: &[View], at: Timestamp) {
+        self.ambiguous.clone_from(&naming.ambiguous);
+        for (robot, pose) in &naming.placed {
+            if self.block.contains(*robot) {
+                continue;
+            }
+            let mut covariance = Matrix3::from_diagonal(&Vector3::from(WEAK));
+            let mut start = *pose;
+            if let Some(rover) = self.robots[*robot].rover.take() {
+                let remembered = rover.covariance(&self.block);
+                let before = rover.pose_at(at);
+                let e = Vector3::new(
+                    pose.x_m - before.x_m,
+                    pose.y_m - before.y_m,
+                    wrap(pose.heading_rad - before.heading_rad),
+                );
+                let d2 = remembered.cholesky().map_or(f64::INFINITY, |c| e.dot(&c.solve(&e)));
+                if d2 < MEMORY_GATE {
+                    // Twice, because its correlation with the standing ones is lost here.
+                    covariance = 2.0 * remembered;
+                    start = before;
+                }
+            }
+            self.block.insert(*robot, start, &covariance);
+        }
+        for (view, names) in views.iter().zip(&naming.names) {
+            let fresh = self.fresh_slots(view.robot, at);
+            let slots = &mut self.robots[view.robot].slots;
+            for (s, name) in fresh.into_iter().zip(names) {
+                if name.is_some() && slots.iter().all(|slot| slot.name != *name) {
+                    slots[s].name = *name;
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,124 @@
+//! What is remembered of a track of one robot, and to which target it is bound.
+
+use protocol::angle::wrap;
+use protocol::id::{TargetId, TrackId};
+use protocol::time::Timestamp;
+
+use super::{Follower, Frame, MAX_MEMORIES, Sight};
+use crate::stereo::range_cue::RangeCue;
+
+/// Squared sigmas beyond which a bound track does not update its target.
+const UPDATE_GATE: f64 = 16.0;
+/// Misses in a row that end a binding.
+const STRIKES: u32 = 5;
+/// A track unseen for longer is forgotten, seconds.
+const FORGOTTEN_S: f64 = 5.0;
+
+/// A track of one robot.
+#[derive(Debug, Clone)]
+pub struct Memory {
+    /// Whose.
+    pub robot: usize,
+    /// Its number there.
+    pub track: TrackId,
+    /// Last seen.
+    pub last: Timestamp,
+    /// Last bearing, rad.
+    pub bearing_rad: f64,
+    /// How fast it changes, rad/s.
+    pub rate_radps: f64,
+    /// Standard deviation of the bearing, rad.
+    pub sigma_rad: f64,
+    /// Half of its width, rad.
+    pub half_width_rad: f64,
+    /// In one region with others.
+    pub merged: bool,
+    /// A moving fellow robot explains it.
+    pub peer: bool,
+    /// What its robot knows of the range.
+    pub cue: RangeCue,
+    /// Elevation of the top and its sigma.
+    pub top: Option<(f64, f64)>,
+    /// Frames in which it was seen alone.
+    pub count: u32,
+    /// The target it is bound to.
+    pub bound: Option<TargetId>,
+    /// Frames that confirmed the binding.
+    pub hits: u32,
+    strikes: u32,
+}
+
+impl Memory {
+    /// Whether it is this one.
+    pub fn is(&self, robot: usize, track: TrackId) -> bool {
+        self.robot == robot && self.track == track
+    }
+
+    /// Bearing at `at`, with the rate of late.
+    pub fn bearing_at(&self, at: Timestamp) -> f64 {
+        wrap(self.bearing_rad + self.rate_radps * at.seconds_since(self.last).clamp(-0.3, 0.3))
+    }
+
+    /// An assigned frame of squared distance `d2`: binds, confirms or strikes; true if the frame may update the target.
+    pub fn hit(&mut self, target: TargetId, d2: f64) -> bool {
+        if self.bound != Some(target) {
+            (self.bound, self.hits, self.strikes) = (Some(target), 0, 0);
+        }
+        if d2 > UPDATE_GATE {
+            self.strikes += 1;
+            if self.strikes >= STRIKES {
+                (self.bound, self.hits, self.strikes) = (None, 0, 0);
+            }
+            return false;
+        }
+        self.hits += 1;
+        self.strikes = 0;
+        true
+    }
+}
+
+impl Follower {
+    /// Notes the frame's tracks; bindings of tracks that the robot only predicts live on.
+    pub(super) fn remember(&mut self, frame: &Frame<'_>, sights: &[Sight]) {
+        for sight in sights {
+            let found = self.memories.iter_mut().find(|m| m.is(frame.robot, sight.track));
+            let Some(m) = found else {
+                if self.memories.len() < MAX_MEMORIES {
+                    self.memories.push(Memory {
+                        robot: frame.robot,
+                        track: sight.track,
+                        last: frame.at,
+                        bearing_rad: sight.bearing_rad,
+                        rate_radps: 0.0,
+                        sigma_rad: sight.sigma_rad,
+                        half_width_rad: sight.half_width_rad,
+                        merged: sight.merged,
+                        peer: sight.peer,
+                        cue: sight.cue,
+                        top: sight.top,
+                        count: u32::from(!sight.merged),
+                        bound: None,
+                        hits: 0,
+                        strikes: 0,
+                    });
+                }
+                continue;
+            };
+            let dt = frame.at.seconds_since(m.last);
+            if dt > 1e-3 {
+                let rate = wrap(sight.bearing_rad - m.bearing_rad) / dt;
+                m.rate_radps += 0.3 * (rate.clamp(-3.0, 3.0) - m.rate_radps);
+            }
+            (m.last, m.bearing_rad, m.sigma_rad) = (frame.at, sight.bearing_rad, sight.sigma_rad);
+            (m.half_width_rad, m.merged, m.peer) = (sight.half_width_rad, sight.merged, sight.peer);
+            m.top = sight.top;
+            if !sight.merged {
+                m.cue = sight.cue;
+                m.count += 1;
+            }
+        }
+        let newest = self.newest;
+        let hidden = |m: &Memory| m.robot == frame.robot && frame.tracks.iter().any(|t| t.track == m.track);
+        self.memories.retain(|m| hidden(m) || newest.seconds_since(m.last) < FORGOTTEN_S);
+    }
+}

@@ -1,0 +1,85 @@
+//! A robot as the leader knows it: session, camera, clock, presence.
+
+use protocol::id::RobotId;
+use protocol::marker::Marker;
+use protocol::message::{CameraSummary, Presence};
+use protocol::time::Timestamp;
+
+use super::config::ClockConfig;
+use crate::clock_offset::ClockOffset;
+use crate::team_map::build::RobotFacts;
+use crate::timeline::Timeline;
+
+/// A robot.
+#[derive(Debug, Clone)]
+pub struct Member {
+    /// Who.
+    pub id: RobotId,
+    /// Whether its liveliness token is there.
+    pub alive: bool,
+    /// Session, marker and camera as announced.
+    pub announced: Option<(u64, Marker, CameraSummary)>,
+    /// Its observations in time.
+    pub timeline: Timeline,
+    /// Its clock.
+    pub clock: Option<ClockOffset>,
+    /// Probes sent, and the last one.
+    pub probes: u32,
+    /// See `probes`.
+    pub last_probe: Option<Timestamp>,
+    /// Session whose clock is known.
+    pub clock_epoch: Option<u64>,
+    /// When its last observation came, leader's clock.
+    pub heard: Option<Timestamp>,
+}
+
+impl Member {
+    /// Nothing is known but the name.
+    pub fn new(id: RobotId) -> Self {
+        Self {
+            id,
+            alive: true,
+            announced: None,
+            timeline: Timeline::default(),
+            clock: None,
+            probes: 0,
+            last_probe: None,
+            clock_epoch: None,
+            heard: None,
+        }
+    }
+
+    /// When the next probe is due.
+    pub fn next_probe(&self, config: &ClockConfig) -> Option<Timestamp> {
+        if config.trusted || !self.alive {
+            return None;
+        }
+        let quick = self.probes < config.first_probes || self.clock.is_none();
+        let interval_s = if quick { config.first_probe_interval_s } else { config.probe_interval_s };
+        Some(self.last_probe.map_or(Timestamp::default(), |t| t.offset_by_secs(interval_s)))
+    }
+
+    /// What the map says of it.
+    pub fn facts(&self, now: Timestamp, silent_after_s: f64) -> RobotFacts {
+        let heard_lately = self.heard.is_some_and(|t| now.seconds_since(t) <= silent_after_s);
+        let presence = match (self.alive, heard_lately) {
+            (false, _) => Presence::Offline,
+            (true, true) => Presence::Online,
+            (true, false) => Presence::Silent,
+        };
+        RobotFacts {
+            id: self.id,
+            presence,
+            clock_offset_s: self.clock.map(|c| (c.offset_s() as f32, c.sigma_s(now) as f32)),
+            last_capture: self.timeline.last_capture(),
+        }
+    }
+
+    /// Radius of the body that the others see, where it is round.
+    pub fn radius_m(&self) -> Option<f64> {
+        match &self.announced.as_ref()?.1 {
+            Marker::Cylinder { radius_m, .. } | Marker::Bars { radius_m, .. } => Some(*radius_m),
+            Marker::Rectangle { .. } => None,
+        }
+    }
+}

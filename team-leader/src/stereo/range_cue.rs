@@ -1,0 +1,149 @@
+//! What one robot alone knows about how far an object is: from its feet, its head, its width.
+//!
+//! Heights and widths of people vary, feet are cut off near the camera and shadows lengthen them, so a cue only helps to
+//! decide which tracks of two robots are one object (ghosts of crossing rays have wrong ranges). It never enters an
+//! estimate of position that two robots measure. Where both ends are cut, the bounds remain: with the camera at 0.6 m a
+//! foot below −15° means nearer than 2.2 m. (`MATHS.md` §7.11.)
+
+use protocol::message::{ElevationEnd, TrackObservation, TrackState};
+
+/// Shoulder width of people, metres, and its spread as a fraction (arms, side view).
+const WIDTH_M: f64 = 0.48;
+const WIDTH_SPREAD: f64 = 0.35;
+/// Least relative error of a range from the feet or the head: gait, shadows, hair.
+const LEAST_SPREAD: f64 = 0.08;
+/// Elevations nearer to the horizon say nothing about range, radians.
+const LEAST_ELEVATION_RAD: f64 = 0.02;
+/// Tallest that is expected, in sigmas of the height.
+const TALL_SIGMAS: f64 = 2.0;
+/// A cue never costs more: it may be wrong altogether (half a body, two people).
+pub const MOST_COST: f64 = 9.0;
+
+/// The camera that saw the track.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct CameraFacts {
+    /// Above the floor, m.
+    pub height_m: f64,
+    /// Unknown tilt, rad.
+    pub tilt_sigma_rad: f64,
+}
+
+/// Logarithm of the range with its spread, and an upper bound.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct RangeCue {
+    /// ln(range/m) and its standard deviation, where known.
+    pub log_range: Option<(f64, f64)>,
+    /// The object is nearer than this, m.
+    pub upper_m: f64,
+}
+
+impl RangeCue {
+    /// Nothing is known.
+    pub const NONE: Self = Self { log_range: None, upper_m: f64::INFINITY };
+
+    /// From one observation of a track; `person_height_m` is mean and standard deviation.
+    pub fn of(track: &TrackObservation, camera: CameraFacts, person_height_m: (f64, f64)) -> Self {
+        if track.state != TrackState::Visible {
+            return Self::NONE;
+        }
+        let [low, high] = track.elevation.map(|e| e.rad());
+        let sigma = track.elevation_sigma.value().hypot(camera.tilt_sigma_rad).hypot(0.004);
+        let (mean_m, spread_m) = person_height_m;
+        let mut cues: Vec<(f64, f64)> = Vec::new();
+        let mut upper_m = f64::INFINITY;
+        if let Some(range) = track.range {
+            let m = range.range.m().max(0.1);
+            cues.push((m.ln(), (range.sigma.value() / m).max(LEAST_SPREAD)));
+        }
+        if low < -LEAST_ELEVATION_RAD {
+            let foot_m = camera.height_m / (-low).tan();
+            match track.ends[0] {
+                ElevationEnd::Seen if track.range.is_none() => {
+                    let error = (foot_m.powi(2) + camera.height_m.powi(2)) / (camera.height_m * foot_m) * sigma;
+                    cues.push((foot_m.ln(), error.hypot(LEAST_SPREAD)));
+                }
+                ElevationEnd::Seen => {}
+                ElevationEnd::Cut | ElevationEnd::Hidden => upper_m = upper_m.min(foot_m),
+            }
+        }
+        if high > LEAST_ELEVATION_RAD && mean_m > camera.height_m {
+            let above_m = mean_m - camera.height_m;
+            match track.ends[1] {
+                ElevationEnd::Seen if track.range.is_none() => {
+                    let error = (spread_m / above_m).hypot(2.0 * sigma / (2.0 * high).sin());
+                    cues.push(((above_m / high.tan()).ln(), error.hypot(LEAST_SPREAD)));
+                }
+                ElevationEnd::Seen => {}
+                ElevationEnd::Cut | ElevationEnd::Hidden => {
+                    upper_m = upper_m.min((above_m + TALL_SIGMAS * spread_m) / high.tan());
+                }
+            }
+        }
+        let width = track.width.rad().abs();
+        if width > 0.01 {
+            cues.push(((WIDTH_M / width).ln(), WIDTH_SPREAD));
+        }
+        let weight: f64 = cues.iter().map(|(_, s)| s.powi(-2)).sum();
+        let log_range = (weight > 0.0)
+            .then(|| (cues.iter().map(|(m, s)| m * s.powi(-2)).sum::<f64>() / weight, weight.sqrt().recip()));
+        Self { log_range, upper_m }
+    }
+
+    /// How badly a range fits: squared sigmas, at most [`MOST_COST`].
+    pub fn cost(&self, range_m: f64) -> f64 {
+        let r = range_m.max(0.05).ln();
+        let by_mean = self.log_range.map_or(0.0, |(m, s)| ((r - m) / s).powi(2));
+        let over = (r - self.upper_m.ln()).max(0.0) / LEAST_SPREAD;
+        (by_mean + over * over).min(MOST_COST)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use protocol::id::TrackId;
+    use protocol::message::ObjectClass;
+    use protocol::quantity::{Angle16, Fraction8, LogSigma};
+
+    use super::*;
+
+    fn person(range_m: f64, height_m: f64) -> TrackObservation {
+        let (low, high) = ((-0.6f64 / range_m).atan(), ((height_m - 0.6) / range_m).atan());
+        let (bottom, top) = ((-15f64).to_radians(), 20f64.to_radians());
+        let end = |cut: bool| if cut { ElevationEnd::Cut } else { ElevationEnd::Seen };
+        TrackObservation {
+            track: TrackId(1),
+            state: TrackState::Visible,
+            bearing: Angle16::from_rad(0.0),
+            bearing_sigma: LogSigma::from_value(0.006),
+            elevation: [Angle16::from_rad(low.max(bottom)), Angle16::from_rad(high.min(top))],
+            elevation_sigma: LogSigma::from_value(0.005),
+            ends: [end(low < bottom), end(high > top)],
+            width: Angle16::from_rad(0.45 / range_m),
+            range: None,
+            class: ObjectClass::Person,
+            confidence: Fraction8::from_value(1.0),
+            appearance: None,
+        }
+    }
+
+    #[test]
+    fn a_cue_prefers_the_true_range_to_a_ghosts() {
+        let camera = CameraFacts { height_m: 0.6, tilt_sigma_rad: 0.003 };
+        for range_m in [1.2, 1.8, 2.5, 3.5, 5.0] {
+            for height_m in [1.55, 1.9] {
+                let cue = RangeCue::of(&person(range_m, height_m), camera, (1.72, 0.12));
+                assert!(cue.cost(range_m) < 4.0, "{range_m} {height_m} {cue:?}");
+                assert!(cue.cost(range_m * 2.0) > 3.0 + cue.cost(range_m), "{range_m} {height_m} {cue:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_cut_end_bounds_and_never_measures() {
+        let camera = CameraFacts { height_m: 0.6, tilt_sigma_rad: 0.0 };
+        let cue = RangeCue::of(&person(1.0, 1.7), camera, (1.72, 0.12));
+        assert!((cue.upper_m - 0.6 / 15f64.to_radians().tan()).abs() < 0.01);
+        let (_, spread) = cue.log_range.unwrap();
+        assert!(spread > 0.3, "only the width is left: {spread}");
+    }
+}

@@ -1,0 +1,223 @@
+//! One moving object followed by bearings.
+//!
+//! State: position and velocity on the floor, *given* exact poses of the robots; how it depends on their poses is carried
+//! along (Schmidt's consider filter), so that `cov = own + J Σ Jᵀ` holds for any pair of entries of the map, and errors of
+//! the calibration never average out over frames. Velocities forget (people stop), driven by white acceleration. A body's
+//! seen axis sways with its gait: errors of successive frames are alike, so each frame counts for less.
+
+use nalgebra::{Matrix2, Matrix4, Matrix4x3, RowVector3, RowVector4, Vector2, Vector3, Vector4};
+use protocol::angle::wrap;
+use protocol::frames::Pose2;
+use protocol::time::Timestamp;
+
+use crate::calibration::kernel;
+
+/// How long a velocity lasts, seconds.
+const VELOCITY_MEMORY_S: f64 = 2.5;
+/// Longest prediction in one go, seconds.
+const LONGEST_STEP_S: f64 = 5.0;
+/// Standard deviation of a new target's velocity, m/s.
+const NEW_VELOCITY_MPS: f64 = 0.7;
+/// Before its first bearings a target may be anywhere this far around, m.
+const NEW_POSITION_M: f64 = 5.0;
+
+/// A target's filter.
+#[derive(Debug, Clone)]
+pub struct Target {
+    mean: Vector4<f64>,
+    cov: Matrix4<f64>,
+    dependence: Vec<(usize, Matrix4x3<f64>)>,
+    at: Timestamp,
+    acceleration_m2ps3: f64,
+    /// Top above the floor: value and variance.
+    top_m: (f64, f64),
+    top_seen: bool,
+}
+
+/// A bearing from a standing robot.
+#[derive(Debug, Clone, Copy)]
+pub struct BearingFrom {
+    /// Which robot.
+    pub robot: usize,
+    /// Its pose.
+    pub pose: Pose2,
+    /// In its body frame.
+    pub bearing_rad: f64,
+    /// rad².
+    pub var: f64,
+    /// Capture, leader's clock.
+    pub at: Timestamp,
+}
+
+/// How a bearing fits.
+#[derive(Debug, Clone, Copy)]
+pub struct Innovation {
+    /// Measured − predicted, rad.
+    pub residual_rad: f64,
+    /// Its variance without the poses' errors, rad².
+    pub var: f64,
+    /// Predicted distance, m.
+    pub range_m: f64,
+    own: RowVector4<f64>,
+    other: RowVector3<f64>,
+}
+
+impl Innovation {
+    /// Derivative of the predicted bearing to the position.
+    pub fn to_position(&self) -> nalgebra::RowVector2<f64> {
+        nalgebra::RowVector2::new(self.own[0], self.own[1])
+    }
+
+    /// Derivative of the predicted bearing to the observer's pose.
+    pub fn to_pose(&self) -> RowVector3<f64> {
+        self.other
+    }
+}
+
+impl Target {
+    /// A target at about `position`; its first bearings come by [`Target::update`]. `top_m`: expected height and spread.
+    pub fn new(position: Vector2<f64>, at: Timestamp, acceleration_m2ps3: f64, top_m: (f64, f64)) -> Self {
+        let (p, v) = (NEW_POSITION_M.powi(2), NEW_VELOCITY_MPS.powi(2));
+        Self {
+            mean: Vector4::new(position.x, position.y, 0.0, 0.0),
+            cov: Matrix4::from_diagonal(&Vector4::new(p, p, v, v)),
+            dependence: Vec::new(),
+            at,
+            acceleration_m2ps3,
+            top_m: (top_m.0, top_m.1 * top_m.1),
+            top_seen: false,
+        }
+    }
+
+    /// Where it is at the state's time.
+    pub fn position(&self) -> Vector2<f64> {
+        Vector2::new(self.mean[0], self.mean[1])
+    }
+
+    /// m/s.
+    pub fn velocity(&self) -> Vector2<f64> {
+        Vector2::new(self.mean[2], self.mean[3])
+    }
+
+    /// Covariance of the position given exact poses, m².
+    pub fn own_covariance(&self) -> Matrix2<f64> {
+        self.cov.fixed_view::<2, 2>(0, 0).into_owned()
+    }
+
+    /// ∂(x, y)/∂(pose of each standing robot).
+    pub fn dependence(&self) -> impl Iterator<Item = (usize, nalgebra::Matrix2x3<f64>)> + '_ {
+        self.dependence.iter().map(|(r, d)| (*r, d.fixed_view::<2, 3>(0, 0).into_owned()))
+    }
+
+    /// Larger axis of the own covariance, m.
+    pub fn sigma_m(&self) -> f64 {
+        self.own_covariance().symmetric_eigenvalues().max().max(0.0).sqrt()
+    }
+
+    /// Height of the top and its variance, and whether it was ever seen.
+    pub fn top_m(&self) -> ((f64, f64), bool) {
+        (self.top_m, self.top_seen)
+    }
+
+    /// Predicts to `at`; backwards is ignored.
+    pub fn predict(&mut self, at: Timestamp) {
+        let dt = at.seconds_since(self.at).min(LONGEST_STEP_S);
+        if dt <= 0.0 {
+            return;
+        }
+        self.at = at;
+        let keep = (-dt / VELOCITY_MEMORY_S).exp();
+        let reach = VELOCITY_MEMORY_S * (1.0 - keep);
+        let mut f = Matrix4::identity();
+        for k in 0..2 {
+            f[(k, k + 2)] = reach;
+            f[(k + 2, k + 2)] = keep;
+        }
+        self.mean = f * self.mean;
+        self.cov = f * self.cov * f.transpose();
+        for (_, d) in &mut self.dependence {
+            *d = f * *d;
+        }
+        let q = self.acceleration_m2ps3;
+        for k in 0..2 {
+            self.cov[(k, k)] += q * dt.powi(3) / 3.0;
+            self.cov[(k, k + 2)] += q * dt * dt / 2.0;
+            self.cov[(k + 2, k)] += q * dt * dt / 2.0;
+            self.cov[(k + 2, k + 2)] += q * dt;
+        }
+    }
+
+    /// How a bearing fits, without using it. A bearing older than the state is compared with where the target was then.
+    pub fn innovation(&self, m: &BearingFrom) -> Innovation {
+        let dt = m.at.seconds_since(self.at).clamp(-LONGEST_STEP_S, LONGEST_STEP_S);
+        let then = [self.mean[0] + dt * self.mean[2], self.mean[1] + dt * self.mean[3]];
+        let from = [m.pose.x_m, m.pose.y_m, m.pose.heading_rad];
+        let (bearing, to_pose, to_point) = kernel::bearing(from, then);
+        let own = RowVector4::new(to_point[0], to_point[1], dt * to_point[0], dt * to_point[1]);
+        let (range_m, _, _) = kernel::distance(from, then);
+        let var = (own * self.cov * own.transpose())[0] + m.var;
+        Innovation { residual_rad: wrap(m.bearing_rad - bearing), var, range_m, own, other: RowVector3::from(to_pose) }
+    }
+
+    /// Uses a bearing.
+    pub fn update(&mut self, m: &BearingFrom) {
+        let innovation = self.innovation(m);
+        let gain = self.cov * innovation.own.transpose() / innovation.var;
+        let keep = Matrix4::identity() - gain * innovation.own;
+        self.mean += gain * innovation.residual_rad;
+        self.cov = keep * self.cov * keep.transpose() + gain * m.var * gain.transpose();
+        if !self.dependence.iter().any(|(r, _)| *r == m.robot) {
+            self.dependence.push((m.robot, Matrix4x3::zeros()));
+        }
+        for (r, d) in &mut self.dependence {
+            *d = keep * *d;
+            if *r == m.robot {
+                *d -= gain * innovation.other;
+            }
+        }
+    }
+
+    /// Uses a range along the floor from a robot (weak; for targets that one robot alone sees).
+    pub fn update_range(&mut self, pose: &Pose2, range_m: f64, var: f64) {
+        let from = [pose.x_m, pose.y_m, pose.heading_rad];
+        let (predicted, _, to_point) = kernel::distance(from, [self.mean[0], self.mean[1]]);
+        let own = RowVector4::new(to_point[0], to_point[1], 0.0, 0.0);
+        let s = (own * self.cov * own.transpose())[0] + var;
+        let gain = self.cov * own.transpose() / s;
+        let keep = Matrix4::identity() - gain * own;
+        self.mean += gain * (range_m - predicted);
+        self.cov = keep * self.cov * keep.transpose() + gain * var * gain.transpose();
+        for (_, d) in &mut self.dependence {
+            *d = keep * *d;
+        }
+    }
+
+    /// Uses a height of the top seen by one robot; `floor_var` keeps it from becoming certain of a hat.
+    pub fn update_top(&mut self, top_m: f64, var: f64, floor_var: f64) {
+        let gain = self.top_m.1 / (self.top_m.1 + var);
+        if (top_m - self.top_m.0).powi(2) > 16.0 * (self.top_m.1 + var) {
+            return;
+        }
+        self.top_m.0 += gain * (top_m - self.top_m.0);
+        self.top_m.1 = ((1.0 - gain) * self.top_m.1).max(floor_var);
+        self.top_seen = true;
+    }
+
+    /// The robot's pose was corrected by `shift` (x, y, heading).
+    pub fn shift(&mut self, robot: usize, shift: &Vector3<f64>) {
+        if let Some((_, d)) = self.dependence.iter().find(|(r, _)| *r == robot) {
+            self.mean += d * shift;
+        }
+    }
+
+    /// The robot leaves its station: what its error contributed stays as the target's own.
+    pub fn forget(&mut self, robot: usize, covariance: &nalgebra::Matrix3<f64>) {
+        if let Some(k) = self.dependence.iter().position(|(r, _)| *r == robot) {
+            let (_, d) = self.dependence.swap_remove(k);
+            self.cov += d * covariance * d.transpose();
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests;

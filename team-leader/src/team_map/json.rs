@@ -1,0 +1,167 @@
+//! The map as JSON for people and tools: names and units as in the files of `solve` and `truth.jsonl`.
+
+use nalgebra::{DMatrix, Matrix3};
+use protocol::message::{MapStatus, Presence, TeamMap};
+use serde::{Deserialize, Serialize};
+
+use super::build::{full_covariance, target_covariance};
+
+/// The team map.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct MapJson {
+    /// Leader's clock, seconds since the epoch.
+    pub time_s: f64,
+    /// Who leads.
+    pub leader: String,
+    /// Its term.
+    pub term: u64,
+    /// Counts the maps of the term.
+    pub sequence: u64,
+    /// waiting, converged, ambiguous, inconsistent, insufficient.
+    pub status: String,
+    /// Why.
+    pub explanation: String,
+    /// The robot that fixed the frame.
+    pub gauge: Option<String>,
+    /// Seconds.
+    pub oldest_contribution_s: f64,
+    /// All robots.
+    pub robots: Vec<RobotJson>,
+    /// Moving objects.
+    pub targets: Vec<TargetJson>,
+}
+
+/// A robot; position, heading and covariance (x, y, heading; m and rad) are null while it has no place.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct RobotJson {
+    /// Who.
+    pub id: String,
+    /// Metres.
+    pub x_m: Option<f64>,
+    /// Metres.
+    pub y_m: Option<f64>,
+    /// Degrees, counter-clockwise.
+    pub heading_deg: Option<f64>,
+    /// 3 × 3, m and rad.
+    pub covariance: Option<[[f64; 3]; 3]>,
+    /// Its component.
+    pub component: u8,
+    /// online, silent, offline.
+    pub presence: String,
+    /// Whether it moves.
+    pub moving: bool,
+    /// robot − leader, seconds.
+    pub clock_offset_s: Option<f64>,
+    /// Its standard deviation.
+    pub clock_offset_sigma_s: Option<f64>,
+}
+
+/// A moving object.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct TargetJson {
+    /// Its number in the team, as text.
+    pub id: String,
+    /// Metres.
+    pub x_m: f64,
+    /// Metres.
+    pub y_m: f64,
+    /// Height of the centre, metres.
+    pub z_m: f64,
+    /// 3 × 3, with the poses' part, m².
+    pub covariance: [[f64; 3]; 3],
+    /// m/s.
+    pub vx_mps: f64,
+    /// m/s.
+    pub vy_mps: f64,
+    /// Height of the top.
+    pub height_m: Option<f64>,
+    /// Its standard deviation.
+    pub height_sigma_m: Option<f64>,
+    /// Robots that see it now.
+    pub observers: Vec<String>,
+    /// Seconds since it was last measured.
+    pub age_s: f64,
+}
+
+impl From<&TeamMap> for MapJson {
+    fn from(map: &TeamMap) -> Self {
+        let placed = map.robots.iter().filter(|r| r.team_from_body.is_some()).count();
+        let joint = full_covariance(&map.joint_covariance, 3 * placed);
+        let mut next = 0;
+        Self {
+            time_s: map.stamp.as_secs_f64(),
+            leader: map.leader.to_string(),
+            term: map.term,
+            sequence: map.sequence,
+            status: status_word(map.status).to_owned(),
+            explanation: map.explanation.clone(),
+            gauge: map.gauge.map(|g| g.to_string()),
+            oldest_contribution_s: f64::from(map.oldest_contribution_s),
+            robots: map
+                .robots
+                .iter()
+                .map(|robot| {
+                    let pose = robot.team_from_body;
+                    let covariance = pose.and(joint.as_ref()).map(|joint| block(joint, 3 * next));
+                    next += usize::from(pose.is_some());
+                    RobotJson {
+                        id: robot.id.to_string(),
+                        x_m: pose.map(|p| p.x_m),
+                        y_m: pose.map(|p| p.y_m),
+                        heading_deg: pose.map(|p| p.heading_rad.to_degrees()),
+                        covariance,
+                        component: robot.component,
+                        presence: presence_word(robot.presence).to_owned(),
+                        moving: robot.moving,
+                        clock_offset_s: robot.clock_offset_s.map(|c| f64::from(c.0)),
+                        clock_offset_sigma_s: robot.clock_offset_s.map(|c| f64::from(c.1)),
+                    }
+                })
+                .collect(),
+            targets: map
+                .targets
+                .iter()
+                .map(|t| TargetJson {
+                    id: t.id.to_string(),
+                    x_m: t.position_m[0],
+                    y_m: t.position_m[1],
+                    z_m: t.position_m[2],
+                    covariance: rows(&target_covariance(map, t).unwrap_or_else(|| Matrix3::identity() * 1e6)),
+                    vx_mps: f64::from(t.velocity_mps[0]),
+                    vy_mps: f64::from(t.velocity_mps[1]),
+                    height_m: t.height_m.map(|h| f64::from(h.0)),
+                    height_sigma_m: t.height_m.map(|h| f64::from(h.1)),
+                    observers: t.observers.iter().map(ToString::to_string).collect(),
+                    age_s: f64::from(t.age_s),
+                })
+                .collect(),
+        }
+    }
+}
+
+fn block(joint: &DMatrix<f64>, k: usize) -> [[f64; 3]; 3] {
+    rows(&joint.fixed_view::<3, 3>(k, k).into_owned())
+}
+
+fn rows(m: &Matrix3<f64>) -> [[f64; 3]; 3] {
+    [0, 1, 2].map(|r| [m[(r, 0)], m[(r, 1)], m[(r, 2)]])
+}
+
+/// The status in the words of the JSON.
+pub fn status_word(status: MapStatus) -> &'static str {
+    match status {
+        MapStatus::Waiting => "waiting",
+        MapStatus::Converged => "converged",
+        MapStatus::Ambiguous => "ambiguous",
+        MapStatus::Inconsistent => "inconsistent",
+        MapStatus::Insufficient => "insufficient",
+    }
+}
+
+fn presence_word(presence: Presence) -> &'static str {
+    match presence {
+        Presence::Online => "online",
+        Presence::Silent => "silent",
+        Presence::Offline => "offline",
+    }
+}
