@@ -8,6 +8,12 @@ use std::path::{Path, PathBuf};
 
 use serde::de::DeserializeOwned;
 
+mod endpoint;
+mod instant;
+
+pub use endpoint::{DEFAULT_ENDPOINT, endpoint_problem};
+pub use instant::{INSTANT_WANTED, parse_instant};
+
 /// Largest file that is read: a configuration is a few kilobytes, and a mistyped path may name a video.
 pub const MAX_DOCUMENT_BYTES: u64 = 1 << 20;
 

@@ -9,6 +9,7 @@ pub mod frames;
 pub mod host_clock;
 pub mod id;
 pub mod key;
+pub mod latency;
 pub mod marker;
 pub mod message;
 pub mod quantity;

@@ -10,6 +10,7 @@ pub mod health;
 pub mod map;
 pub mod observation;
 pub mod picture;
+pub mod replay;
 
 pub use alarm::{Alarm, AlarmKind};
 pub use announcement::{Announcement, CameraSummary};
@@ -23,3 +24,4 @@ pub use observation::{
     TrackObservation, TrackState,
 };
 pub use picture::PictureKind;
+pub use replay::ReplayStart;
