@@ -66,11 +66,13 @@ pub enum Kind {
     Picture = 11,
     /// The map as JSON: travels as plain text, without an envelope.
     MapJson = 12,
+    /// [`crate::message::ReplayStart`].
+    ReplayStart = 13,
 }
 
 impl Kind {
     /// All kinds, in the order of their numbers.
-    pub const ALL: [Self; 12] = [
+    pub const ALL: [Self; 13] = [
         Self::Announcement,
         Self::Observation,
         Self::Alarm,
@@ -83,6 +85,7 @@ impl Kind {
         Self::Guidance,
         Self::Picture,
         Self::MapJson,
+        Self::ReplayStart,
     ];
 
     /// The kind of that number.
@@ -105,6 +108,7 @@ impl Kind {
             Self::Guidance => "guidance",
             Self::Picture => "picture",
             Self::MapJson => "map as JSON",
+            Self::ReplayStart => "replay start",
         }
     }
 
@@ -117,7 +121,7 @@ impl Kind {
             Self::Alarm => 512,
             Self::Command | Self::Guidance => 256,
             Self::CommandReply => 1 << 10,
-            Self::ClockProbe | Self::ClockReply => 64,
+            Self::ClockProbe | Self::ClockReply | Self::ReplayStart => 64,
             Self::TeamMap | Self::Picture => 4 << 20,
             Self::MapJson => 16 << 20,
         }

@@ -7,6 +7,7 @@
 //! pal/{team}/map
 //! pal/{team}/map/json
 //! pal/{team}/guidance/{robot}
+//! pal/{team}/replay_start
 //! ```
 //! A [`Key`] is one such key; a [`Pattern`] is a key or all of its like, with `*` for the robot or the leader.
 
@@ -43,6 +44,8 @@ pub enum Topic {
     MapJson,
     /// Where this robot should go.
     Guidance(RobotId),
+    /// Queryable: when recordings begin.
+    ReplayStart,
 }
 
 /// What a robot has.
@@ -116,6 +119,11 @@ impl Key {
         Self { team, topic: Topic::Guidance(robot) }
     }
 
+    /// When recordings begin.
+    pub fn replay_start(team: TeamId) -> Self {
+        Self { team, topic: Topic::ReplayStart }
+    }
+
     /// The robot whose key it is.
     pub fn robot_id(&self) -> Option<RobotId> {
         match self.topic {
@@ -132,6 +140,7 @@ impl Key {
             Topic::Map => Some(Kind::TeamMap),
             Topic::MapJson => Some(Kind::MapJson),
             Topic::Guidance(_) => Some(Kind::Guidance),
+            Topic::ReplayStart => Some(Kind::ClockProbe),
         }
     }
 
@@ -186,6 +195,7 @@ impl fmt::Display for Key {
             Topic::Map => write!(f, "{ROOT}/{team}/map"),
             Topic::MapJson => write!(f, "{ROOT}/{team}/map/json"),
             Topic::Guidance(robot) => write!(f, "{ROOT}/{team}/guidance/{robot}"),
+            Topic::ReplayStart => write!(f, "{ROOT}/{team}/replay_start"),
         }
     }
 }
@@ -212,6 +222,7 @@ impl FromStr for Key {
             ["map"] => Topic::Map,
             ["map", "json"] => Topic::MapJson,
             ["guidance", robot] => Topic::Guidance(RobotId::new(robot).map_err(name)?),
+            ["replay_start"] => Topic::ReplayStart,
             _ => return Err(unknown()),
         };
         Ok(Self { team, topic })
@@ -308,6 +319,7 @@ mod tests {
             "pal/blue/map",
             "pal/blue/map/json",
             "pal/blue/guidance/r1",
+            "pal/blue/replay_start",
         ];
         let written: Vec<String> = every_key().iter().map(ToString::to_string).collect();
         assert_eq!(written, expected);
@@ -383,6 +395,7 @@ mod tests {
             Key::map(team),
             Key::map_json(team),
             Key::guidance(team, robot),
+            Key::replay_start(team),
         ]);
         keys
     }

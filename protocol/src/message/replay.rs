@@ -5,6 +5,7 @@
 
 use bincode::{Decode, Encode};
 
+use crate::codec::{Invalid, Kind, Message, bounded_decode};
 use crate::time::Timestamp;
 
 /// The leader's answer to a [`super::ClockProbe`] of a robot that waits to replay.
@@ -27,6 +28,16 @@ impl ReplayStart {
         let back_s = arrival.seconds_since(self.replied);
         Some(self.start?.offset_by_secs(0.5 * (out_s + back_s)))
     }
+}
+
+impl Message for ReplayStart {
+    const KIND: Kind = Kind::ReplayStart;
+
+    fn validate(&self) -> Result<(), Invalid> {
+        Ok(())
+    }
+
+    bounded_decode!(Kind::ReplayStart);
 }
 
 #[cfg(test)]
