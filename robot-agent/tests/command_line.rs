@@ -1,0 +1,145 @@
+//! The command line as a user meets it: output, errors, exit codes.
+
+use std::io::Write;
+use std::path::Path;
+use std::process::{Command, Output, Stdio};
+
+use serde_json::Value;
+
+const CAMERA: &str = r#"
+model = "pal"
+image_size_px = [768, 576]
+[pal]
+ellipsoid_a_mm = 23.8095238095
+ellipsoid_c_mm = 9.52380952381
+hyperboloid_a_mm = 6.47619047619
+hyperboloid_c_mm = 16.5238095238
+focal_length_px = 751.84954507
+refraction_a_mm = 31.25
+refraction_eccentricity = 0.6
+refractive_index = 1.5168
+centre_px = [383.5, 287.5]
+elevation_deg = [-15.0, 20.0]
+"#;
+
+fn robot_agent(folder: &Path, arguments: &[&str], input: &str) -> Output {
+    let mut child = Command::new(env!("CARGO_BIN_EXE_robot-agent"))
+        .args(arguments)
+        .current_dir(folder)
+        .stdin(Stdio::piped())
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    child.stdin.take().unwrap().write_all(input.as_bytes()).unwrap();
+    child.wait_with_output().unwrap()
+}
+
+fn folder() -> tempfile::TempDir {
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::write(folder.path().join("camera.toml"), CAMERA).unwrap();
+    folder
+}
+
+fn lines(output: &Output) -> Vec<Value> {
+    let text = String::from_utf8(output.stdout.clone()).unwrap();
+    text.lines().map(|line| serde_json::from_str(line).unwrap()).collect()
+}
+
+#[track_caller]
+fn assert_fails(output: &Output, code: i32, parts: &[&str]) {
+    let error = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(code), "{error}");
+    for part in parts {
+        assert!(error.contains(part), "{part:?} is not in: {error}");
+    }
+}
+
+#[test]
+fn points_become_pixels_and_pixels_rays_line_by_line() {
+    let folder = folder();
+    let input = "[10.0, 0.0, -1.0]\n[0.0, 0.0, 1.0]\n\n[0.1, 0, 0]\n";
+    let output = robot_agent(folder.path(), &["camera", "project", "--camera", "camera.toml"], input);
+    assert!(output.status.success());
+    let pixels = lines(&output);
+    assert_eq!(pixels.len(), 3);
+    // Golden pal.project_finite: r = 10 m, z = -1 m and r = 0.1 m, z = 0.
+    assert!((pixels[0][0].as_f64().unwrap() - 383.5 - 235.875655992128).abs() < 1e-6);
+    assert!(pixels[1].is_null());
+    assert!((pixels[2][0].as_f64().unwrap() - 383.5 - 226.049291383822).abs() < 1e-6);
+
+    let output = robot_agent(
+        folder.path(),
+        &["camera", "unproject", "--camera", "camera.toml"],
+        &format!("{}\n[383.5, 287.5]\n", pixels[0]),
+    );
+    let rays = lines(&output);
+    let (origin, direction) = (&rays[0]["origin_m"], &rays[0]["direction"]);
+    let along = (10.0 - origin[0].as_f64().unwrap()) / direction[0].as_f64().unwrap();
+    assert!((origin[2].as_f64().unwrap() + along * direction[2].as_f64().unwrap() + 1.0).abs() < 1e-8);
+    assert!(rays[1].is_null());
+}
+
+#[test]
+fn a_bad_line_or_camera_file_is_named_with_its_exit_code() {
+    let folder = folder();
+    let output = robot_agent(folder.path(), &["camera", "project", "--camera", "camera.toml"], "[1,2,3]\n[1,2]\n");
+    assert_fails(&output, 1, &["line 2", "[1,2]", "[x_m, y_m, z_m]"]);
+    assert_eq!(lines(&output).len(), 1);
+    let output = robot_agent(folder.path(), &["camera", "describe", "--camera", "nowhere.toml"], "");
+    assert_fails(&output, 2, &["nowhere.toml"]);
+    std::fs::write(folder.path().join("bad.toml"), CAMERA.replace("index = 1.5", "index = 0.5")).unwrap();
+    let output = robot_agent(folder.path(), &["camera", "describe", "--camera", "bad.toml"], "");
+    assert_fails(&output, 2, &["bad.toml", "pal.refractive_index", "0.5168", "[1, 4)"]);
+    assert_fails(&robot_agent(folder.path(), &["camera", "guess"], ""), 2, &["guess"]);
+}
+
+#[test]
+fn describe_speaks_json() {
+    let folder = folder();
+    let arguments = ["camera", "describe", "--camera", "camera.toml", "--format", "json"];
+    let facts = &lines(&robot_agent(folder.path(), &arguments, ""))[0];
+    assert_eq!(facts["model"], "pal");
+    assert_eq!(facts["default_panorama"]["width_px"], 1080);
+    assert_eq!(facts["default_panorama"]["height_px"], 162);
+}
+
+#[test]
+fn unwarp_writes_a_panorama_with_left_on_the_left() {
+    let folder = folder();
+    // Bright where the camera sees the robot's left: v > v0.
+    let picture = image::GrayImage::from_fn(768, 576, |_, v| image::Luma([if v > 287 { 200 } else { 50 }]));
+    picture.save(folder.path().join("picture.png")).unwrap();
+    let arguments = ["unwarp", "picture.png", "--camera", "camera.toml", "--out", "panorama.png", "--format", "json"];
+    let output = robot_agent(folder.path(), &arguments, "");
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    assert_eq!(lines(&output)[0]["width_px"], 1080);
+    let panorama = image::open(folder.path().join("panorama.png")).unwrap().into_luma8();
+    assert_eq!(panorama.dimensions(), (1080, 162));
+    assert_eq!((panorama.get_pixel(270, 80)[0], panorama.get_pixel(810, 80)[0]), (200, 50));
+
+    let view = ["--projection", "perspective", "--pan-deg", "90", "--tilt-deg", "2", "--hfov-deg", "25"];
+    let arguments = [&["unwarp", "picture.png", "--camera", "camera.toml", "--out", "left.png"], &view[..]].concat();
+    assert!(robot_agent(folder.path(), &arguments, "").status.success());
+    let left = image::open(folder.path().join("left.png")).unwrap().into_luma8();
+    assert_eq!((left.dimensions(), left.get_pixel(320, 240)[0]), ((640, 480), 200));
+}
+
+#[test]
+fn unwarp_says_what_is_wrong_with_a_picture() {
+    let folder = folder();
+    let unwarp = |picture: &str, out: &str| {
+        robot_agent(folder.path(), &["unwarp", picture, "--camera", "camera.toml", "--out", out], "")
+    };
+    assert_fails(&unwarp("none.png", "out.png"), 1, &["none.png"]);
+    image::GrayImage::new(640, 480).save(folder.path().join("small.png")).unwrap();
+    assert_fails(&unwarp("small.png", "out.png"), 1, &["small.png", "640x480", "768x576"]);
+    let noise = image::GrayImage::from_fn(768, 576, |u, v| image::Luma([(u * 7 + v * 13) as u8]));
+    noise.save(folder.path().join("whole.png")).unwrap();
+    let bytes = std::fs::read(folder.path().join("whole.png")).unwrap();
+    std::fs::write(folder.path().join("half.png"), &bytes[..bytes.len() / 2]).unwrap();
+    assert_fails(&unwarp("half.png", "out.png"), 1, &["half.png", "cannot decode"]);
+    assert_fails(&unwarp("whole.png", "no/such/folder/out.png"), 1, &["no/such/folder/out.png"]);
+    assert_fails(&unwarp("whole.png", "out.xyz"), 1, &["out.xyz"]);
+    assert!(!folder.path().join("out.png").exists());
+}
