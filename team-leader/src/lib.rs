@@ -8,6 +8,7 @@ pub mod correspondence;
 #[cfg(test)]
 mod golden;
 pub mod leader;
+pub mod picture;
 pub mod planning;
 pub mod service;
 pub mod solve;
