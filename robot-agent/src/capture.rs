@@ -16,6 +16,7 @@ mod y4m;
 
 use std::path::{Path, PathBuf};
 
+use protocol::document::DocumentError;
 use protocol::time::Timestamp;
 
 use crate::agent::Frame;
@@ -74,13 +75,16 @@ pub enum CaptureError {
         /// The folder.
         folder: PathBuf,
     },
-    /// `frames.csv` or `sequence.toml` is wrong.
-    #[error("{}{}: {message}", path.display(), line.map_or_else(String::new, |n| format!(", line {n}")))]
-    Times {
+    /// `sequence.toml` is wrong.
+    #[error(transparent)]
+    Sequence(#[from] DocumentError),
+    /// `frames.csv` is wrong.
+    #[error("{}:{line}: {message}", path.display())]
+    List {
         /// The file.
         path: PathBuf,
         /// Line, counted from 1.
-        line: Option<usize>,
+        line: usize,
         /// The value, and what would be right.
         message: String,
     },

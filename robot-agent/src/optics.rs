@@ -17,7 +17,7 @@ pub mod pinhole;
 
 use nalgebra::{Vector2, Vector3};
 
-pub use camera_file::{CameraFile, CameraFileError, SUPPORTED_MODELS};
+pub use camera_file::{CameraFile, SUPPORTED_MODELS};
 pub use mounted::{Mask, MountedCamera, Resolution, Timing};
 pub use mounting::{Mounting, MountingSigma};
 pub use pal::{Pal, PalDesign};

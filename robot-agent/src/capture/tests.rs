@@ -81,7 +81,7 @@ fn a_recording_s_folder_stands_for_its_frames() {
 
 #[test]
 fn images_that_the_list_does_not_name_are_remarked() {
-    let folder = with(folder(&["a.png", "b.png", "c.png"]), "frames.csv", "file,capture_ns\nb.png,5\n");
+    let folder = with(folder(&["a.png", "b.png", "c.png"]), "frames.csv", "\u{feff}file,capture_ns\r\nb.png,5\r\n");
     let mut source = open_folder(&folder).unwrap();
     assert_names(&source.remarks().join(" "), &["frames.csv", "2 images"]);
     assert_eq!(all(source.as_mut()).len(), 1);
@@ -92,14 +92,14 @@ fn sources_that_cannot_be_used_say_why() {
     assert_names(&refusal(&tempfile::tempdir().unwrap()), &["no images", "png"]);
     assert_names(&refusal(&folder(&["a.png"])), &["frames.csv", "sequence.toml", "capture times"]);
     let list = |text: &str| refusal(&with(folder(&["a.png", "b.png"]), "frames.csv", text));
-    assert_names(&list("file,capture_ns\na.png,1\nz.png,2\n"), &["frames.csv", "line 3", "z.png", "no such file"]);
-    assert_names(&list("file,capture_ns\na.png,9\nb.png,9\n"), &["frames.csv", "line 3", "b.png", "increase"]);
-    assert_names(&list("file,capture_ns\na.png,0.5\n"), &["frames.csv", "line 2", "a.png,0.5", "ns"]);
-    assert_names(&list("a.png,1\n"), &["line 1", "header", "file,capture_ns"]);
+    assert_names(&list("file,capture_ns\na.png,1\nz.png,2\n"), &["frames.csv:3", "z.png", "no such file"]);
+    assert_names(&list("file,capture_ns\na.png,9\nb.png,9\n"), &["frames.csv:3", "b.png", "increase"]);
+    assert_names(&list("file,capture_ns\na.png,0.5\n"), &["frames.csv:2", "a.png,0.5", "ns"]);
+    assert_names(&list("a.png,1\n"), &[":1", "header", "file,capture_ns"]);
     assert_names(&list("file,capture_ns\n"), &["names no frame"]);
     assert_names(&list(""), &["empty"]);
     let sequence = |text: &str| refusal(&with(folder(&["a.png"]), "sequence.toml", text));
-    assert_names(&sequence("frame_rate_hz = -10.0"), &["sequence.toml", "frame_rate_hz = -10", "positive"]);
+    assert_names(&sequence("frame_rate_hz = -10.0"), &["sequence.toml", "`frame_rate_hz` is -10", "positive"]);
     assert_names(&sequence("frame_rate_hz = nan"), &["sequence.toml", "frame_rate_hz", "positive"]);
     assert_names(&sequence("frame_rate = 10.0"), &["sequence.toml", "frame_rate", "unknown field"]);
     let error = open(Path::new("/no/such/place"), CaptureOptions::default()).err().unwrap().to_string();

@@ -2,6 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
+use protocol::document::Document;
 use protocol::time::Timestamp;
 use serde::Deserialize;
 
@@ -43,11 +44,11 @@ struct Sequence {
 
 /// Reads `sequence.toml`.
 pub(super) fn read_sequence(path: &Path) -> Result<Rate, CaptureError> {
-    let error = |message: String| CaptureError::Times { path: path.into(), line: None, message };
-    let text = std::fs::read_to_string(path).map_err(|source| CaptureError::Read { path: path.into(), source })?;
-    let sequence: Sequence = toml::from_str(&text).map_err(|e| error(e.to_string().trim_end().to_owned()))?;
-    Rate::new(Timestamp(sequence.first_capture_ns), sequence.frame_rate_hz)
-        .ok_or_else(|| error(format!("frame_rate_hz = {}: must be a positive rate in Hz", sequence.frame_rate_hz)))
+    let document = Document::read(path)?;
+    let sequence: Sequence = document.parse()?;
+    let rate = Rate::new(Timestamp(sequence.first_capture_ns), sequence.frame_rate_hz);
+    let hz = sequence.frame_rate_hz;
+    rate.ok_or_else(|| document.invalid("frame_rate_hz", hz, "must be a positive rate in Hz").into())
 }
 
 /// Reads `frames.csv`: a header `file,capture_ns`, then a line a frame in order of capture; files are relative to the
@@ -55,9 +56,10 @@ pub(super) fn read_sequence(path: &Path) -> Result<Rate, CaptureError> {
 pub(super) fn read_list(path: &Path) -> Result<Vec<Listed>, CaptureError> {
     let text = std::fs::read_to_string(path).map_err(|source| CaptureError::Read { path: path.into(), source })?;
     let folder = path.parent().unwrap_or(Path::new(""));
-    let error = |number: usize, message: String| CaptureError::Times { path: path.into(), line: Some(number), message };
+    let error = |number: usize, message: String| CaptureError::List { path: path.into(), line: number, message };
     let mut frames: Vec<Listed> = Vec::new();
-    let lines = text.lines().enumerate().map(|(i, line)| (i + 1, line.trim()));
+    // Spreadsheets begin a text with a byte order mark.
+    let lines = text.trim_start_matches('\u{feff}').lines().enumerate().map(|(i, line)| (i + 1, line.trim()));
     let mut lines = lines.filter(|(_, line)| !line.is_empty() && !line.starts_with('#'));
     match lines.next() {
         Some((_, header)) if header.split(',').map(str::trim).eq(["file", "capture_ns"]) => {}

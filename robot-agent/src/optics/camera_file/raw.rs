@@ -4,9 +4,11 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 use nalgebra::Vector3;
+use protocol::document::{Document, DocumentError};
 use serde::Deserialize;
 
-use super::{KNOWN_MODELS, Problem, SUPPORTED_MODELS};
+use super::{KNOWN_MODELS, SUPPORTED_MODELS};
+use crate::optics::pal::ParameterError;
 use crate::optics::pinhole::PinholeParameters;
 use crate::optics::{Camera, Mounting, MountingSigma, Pal, PalDesign, Pinhole, Timing};
 
@@ -22,27 +24,55 @@ pub(super) struct Checked {
 }
 
 /// Parses and checks.
-pub(super) fn parse(text: &str) -> Result<Checked, Problem> {
-    let syntax = |e: toml::de::Error| Problem::Syntax(e.to_string().trim_end().to_owned());
-    let table: toml::Table = toml::from_str(text).map_err(syntax)?;
+pub(super) fn parse(document: &Document) -> Result<Checked, DocumentError> {
     // The model first: the tables of models that are not supported would only look like unknown keys.
-    match table.get("model").and_then(toml::Value::as_str) {
-        Some(model) if SUPPORTED_MODELS.contains(&model) => {}
-        Some(model) if KNOWN_MODELS.contains(&model) => return Err(Problem::Unsupported(model.into())),
-        Some(model) => return Err(Problem::UnknownModel(model.into())),
-        None => return Err(Problem::Syntax(format!("model is missing; one of: {}", SUPPORTED_MODELS.join(", ")))),
+    let model = document.parse::<Model>()?.model;
+    if !SUPPORTED_MODELS.contains(&model.as_str()) {
+        let supported = SUPPORTED_MODELS.join(", ");
+        let wanted = if KNOWN_MODELS.contains(&model.as_str()) {
+            format!("not supported by this version; supported: {supported}")
+        } else {
+            format!("not a camera model; supported: {supported}")
+        };
+        return Err(document.invalid("model", format!("{model:?}"), wanted));
     }
-    let file: File = toml::from_str(text).map_err(syntax)?;
-    if file.image_size_px.iter().any(|n| *n == 0 || *n > MAX_SIDE_PX) {
-        let expected = format!("[width, height] in pixels, each from 1 to {MAX_SIDE_PX}");
-        return Err(Problem::value("image_size_px", file.image_size_px, expected));
+    let file: File = document.parse()?;
+    let check = || {
+        if file.image_size_px.iter().any(|n| *n == 0 || *n > MAX_SIDE_PX) {
+            let expected = format!("[width, height] in pixels, each from 1 to {MAX_SIDE_PX}");
+            return Err(Problem::new("image_size_px", file.image_size_px, expected));
+        }
+        Ok(Checked {
+            camera: file.camera()?,
+            mounting: file.mounting.checked()?,
+            timing: file.timing.checked()?,
+            mask_file: file.mask.as_ref().map(|m| m.file.clone()),
+        })
+    };
+    check().map_err(|problem: Problem| document.invalid(&problem.key, problem.value, problem.expected))
+}
+
+/// A value that cannot be, before its place in the file is found.
+struct Problem {
+    key: String,
+    value: String,
+    expected: String,
+}
+
+impl Problem {
+    fn new(key: &str, value: impl std::fmt::Debug, expected: impl std::fmt::Display) -> Self {
+        Self { key: key.into(), value: format!("{value:?}"), expected: format!("must be {expected}") }
     }
-    Ok(Checked {
-        camera: file.camera()?,
-        mounting: file.mounting.checked()?,
-        timing: file.timing.checked()?,
-        mask_file: file.mask.map(|m| m.file),
-    })
+
+    fn parameter(table: &str, error: ParameterError) -> Self {
+        let ParameterError { key, value, expected } = error;
+        Self { key: format!("{table}.{key}"), value, expected: format!("must be {expected}") }
+    }
+}
+
+#[derive(Deserialize)]
+struct Model {
+    model: String,
 }
 
 #[derive(Deserialize)]
@@ -63,8 +93,12 @@ impl File {
     fn camera(&self) -> Result<Arc<dyn Camera>, Problem> {
         for (table, present) in [("pal", self.pal.is_some()), ("pinhole", self.pinhole.is_some())] {
             if present != (table == self.model) {
-                let what = if present { "has no place beside" } else { "is missing beside" };
-                return Err(Problem::Syntax(format!("the table [{table}] {what} model = {:?}", self.model)));
+                let expected = if present {
+                    format!("{table:?}, or the table [{table}] goes")
+                } else {
+                    format!("another, or the table [{table}] is missing")
+                };
+                return Err(Problem::new("model", &self.model, expected));
             }
         }
         if let Some(pal) = &self.pal {
@@ -73,7 +107,9 @@ impl File {
                 Err(error) => Err(Problem::parameter("pal", error)),
             };
         }
-        let Some(pinhole) = &self.pinhole else { return Err(Problem::Unsupported(self.model.clone())) };
+        let Some(pinhole) = &self.pinhole else {
+            return Err(Problem::new("model", &self.model, SUPPORTED_MODELS.join(" or ")));
+        };
         let parameters = PinholeParameters {
             focal_length_px: pinhole.focal_length_px,
             centre_px: pinhole.centre_px,
@@ -157,7 +193,7 @@ impl TimingTable {
             if (0.0..=10_000.0).contains(&ms) {
                 return Ok(ms * 1e-3);
             }
-            Err(Problem::value(&format!("timing.{key}"), ms, "milliseconds from 0 to 10000"))
+            Err(Problem::new(&format!("timing.{key}"), ms, "milliseconds from 0 to 10000"))
         };
         Ok(Timing {
             exposure_s: seconds("exposure_ms", self.exposure_ms)?,
@@ -252,7 +288,10 @@ impl MountingTable {
         let tilt = self.tilt_deg.is_some() || self.tilt_deg_sigma.is_some();
         let yaw = self.azimuth_offset_deg.is_some() || self.azimuth_offset_deg_sigma.is_some();
         let full_rotation = self.rotation_rpy_deg.is_some() || self.rotation_rpy_deg_sigma.is_some();
-        let clash = |a: &str, b: &str| Err(Problem::Syntax(format!("[mounting] has {a} and {b}: give one of them")));
+        let clash = |a: &str, b: &str| {
+            let key = format!("mounting.{b}");
+            Err(Problem { key, value: "given".into(), expected: format!("but so is {a}: give one of them") })
+        };
         if height && full_position {
             return clash("height_m", "position_m");
         }
@@ -270,21 +309,21 @@ fn position(key: &str, p: [f64; 3]) -> Result<Vector3<f64>, Problem> {
     if p.iter().all(|x| x.abs() <= 100.0) {
         return Ok(Vector3::from(p));
     }
-    Err(Problem::value(key, p, "in metres, at most 100 (is it in millimetres?)"))
+    Err(Problem::new(key, p, "in metres, at most 100 (is it in millimetres?)"))
 }
 
 fn angle(key: &str, degrees: f64, limit: f64) -> Result<f64, Problem> {
     if degrees.abs() <= limit {
         return Ok(degrees.to_radians());
     }
-    Err(Problem::value(key, degrees, format!("in degrees between -{limit} and {limit}")))
+    Err(Problem::new(key, degrees, format!("in degrees between -{limit} and {limit}")))
 }
 
 fn deviation(key: &str, sigma: f64) -> Result<f64, Problem> {
     if (0.0..1e3).contains(&sigma) {
         return Ok(sigma);
     }
-    Err(Problem::value(key, sigma, "a standard deviation, 0 or more"))
+    Err(Problem::new(key, sigma, "a standard deviation, 0 or more"))
 }
 
 fn each<const N: usize>(key: &str, sigma: Sigma<N>) -> Result<[f64; N], Problem>

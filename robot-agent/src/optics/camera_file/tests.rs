@@ -35,14 +35,14 @@ focal_length_px = [700, 710.5]
 centre_px = [320, 240]
 "#;
 
-fn parse(text: &str) -> Result<CameraFile, CameraFileError> {
+fn parse(text: &str) -> Result<CameraFile, DocumentError> {
     CameraFile::parse(text, Path::new("robots/camera.toml"))
 }
 
 #[track_caller]
 fn assert_error(text: &str, parts: &[&str]) {
     let error = parse(text).unwrap_err().to_string();
-    for part in ["robots/camera.toml"].iter().chain(parts) {
+    for part in ["robots/camera.toml:"].iter().chain(parts) {
         assert!(error.contains(part), "{part:?} is not in: {error}");
     }
 }
@@ -94,7 +94,7 @@ fn wrong_values_are_reported_with_file_key_value_and_remedy() {
     };
     let cases: [(String, &[&str]); 12] = [
         (change("c_mm = 9.52", "c_mm = 99.52"), &["pal.ellipsoid_c_mm", "99.52", "less than"]),
-        (change("751.84954507", "nan"), &["pal.focal_length_px", "NaN", "positive"]),
+        (change("751.84954507", "nan"), &["toml:9: `pal.focal_length_px`", "NaN", "positive"]),
         (change("751.84954507", "6.26"), &["pal.focal_length_px", "6.26", "millimetres"]),
         (change("[-15.0, 20.0]", "[20.0, -15.0]"), &["pal.elevation_deg", "[20.0, -15.0]", "swapped"]),
         (change("[383.5, 287.5]", "[383.5, 600.0]"), &["pal.centre_px", "600.0", "768x576"]),
@@ -102,9 +102,9 @@ fn wrong_values_are_reported_with_file_key_value_and_remedy() {
         (change("[768, 576]", "[768, 0]"), &["image_size_px", "[768, 0]"]),
         (change("tilt_deg = [0.0, 0.0]", "tilt_deg = [0.0, inf]"), &["mounting.tilt_deg", "inf", "degrees"]),
         (change("exposure_ms = 5.0", "exposure_ms = -1.0"), &["timing.exposure_ms", "-1"]),
-        (change("exposure_ms = 5.0", "exposure_s = 5.0"), &["exposure_s", "unknown field", "exposure_ms", "line"]),
+        (change("exposure_ms = 5.0", "exposure_s = 5.0"), &["exposure_s", "toml:24", "unknown field", "exposure_ms"]),
         (change("refractive_index = 1.5168\n", ""), &["refractive_index", "missing"]),
-        (change("aspect = 1.0", "aspect = \"one\""), &["aspect", "line"]),
+        (change("aspect = 1.0", "aspect = \"one\""), &["aspect", "toml:14"]),
     ];
     for (text, parts) in cases {
         assert_error(&text, parts);
@@ -115,13 +115,13 @@ fn wrong_values_are_reported_with_file_key_value_and_remedy() {
 fn models_of_later_versions_are_told_from_misspelt_ones() {
     assert_error("model = \"fisheye\"\n[fisheye]\nk = []", &["fisheye", "not supported", "pal, pinhole"]);
     assert_error("model = \"plas\"", &["plas", "not a camera model"]);
-    assert_error("image_size_px = [1, 1]", &["model is missing"]);
+    assert_error("image_size_px = [1, 1]", &["missing field `model`"]);
 }
 
 #[test]
 fn a_table_of_another_model_or_a_missing_one_is_an_error() {
-    assert_error("model = \"pal\"\nimage_size_px = [768, 576]", &["[pal]", "missing"]);
-    assert_error(&REFERENCE.replace("\"pal\"", "\"pinhole\""), &["[pal]", "no place", "pinhole"]);
+    assert_error("model = \"pal\"\nimage_size_px = [768, 576]", &["toml:1: `model`", "[pal]", "missing"]);
+    assert_error(&REFERENCE.replace("\"pal\"", "\"pinhole\""), &["toml:2: `model`", "\"pal\"", "pinhole"]);
 }
 
 #[test]
