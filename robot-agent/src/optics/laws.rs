@@ -43,7 +43,7 @@ pub(crate) fn pixels_come_back(camera: &dyn Camera) {
         assert!((ray.direction.norm() - 1.0).abs() < 1e-12);
         let far = camera.project_direction(&ray.direction).unwrap();
         assert!((far - pixel).norm() < 1e-8, "far: {pixel:?} came back as {far:?}");
-        for distance_m in [0.1, 0.7, 5.0, 200.0] {
+        for distance_m in [1e-3, 0.1, 0.7, 5.0, 200.0] {
             let near = camera.project(&(ray.origin_m + ray.direction * distance_m)).unwrap();
             assert!((near - pixel).norm() < 1e-8, "{distance_m} m: {pixel:?} came back as {near:?}");
         }

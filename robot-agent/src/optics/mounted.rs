@@ -151,9 +151,8 @@ impl MountedCamera {
         self.mask.as_ref().is_none_or(|mask| mask.tested[(v * w + u) as usize])
     }
 
-    /// The picture's scale around a direction of the body frame; `None` where that is outside the domain. For the PAL
-    /// the bearing's scale is the image radius (times cos elevation's share is already in: it is a change of bearing,
-    /// not of angle on the sphere).
+    /// The picture's scale around a direction of the body frame; `None` where that is outside the domain. A change of
+    /// bearing, not of angle on the sphere: for the PAL its scale is the image radius.
     pub fn resolution(&self, bearing_rad: f64, elevation_rad: f64) -> Option<Resolution> {
         // Central differences of a smooth map: 1e-5 rad keeps truncation and rounding below 1e-9 of the value.
         const STEP_RAD: f64 = 1e-5;
