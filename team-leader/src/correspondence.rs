@@ -16,6 +16,7 @@
 mod assignment;
 mod birth;
 mod memory;
+mod merged;
 mod upkeep;
 
 use nalgebra::{Matrix2, Matrix3, RowVector3, Vector2};
@@ -41,6 +42,8 @@ const MERGED_SPREAD: f64 = 0.3;
 const CONFIRMED_UPDATES: u32 = 6;
 /// Variance below which the height of a top does not fall, m².
 const TOP_FLOOR_VAR: f64 = 0.0016;
+/// A frame never counts for less than this part of a frame with an error of its own.
+const MOST_REPEAT: f64 = 2.5;
 /// A target counts as seen by a robot for so long after its last bearing, seconds.
 pub const OBSERVED_S: f64 = 0.35;
 
@@ -70,6 +73,8 @@ pub struct Followed {
     pub last: Timestamp,
     updates: u32,
     two_robots: bool,
+    /// Half of its width, m.
+    half_width_m: f64,
     /// Running mean of how badly the ranges of single robots fit.
     misfit: f64,
     /// Since when each robot that should see it does not.
@@ -161,10 +166,11 @@ impl Follower {
         self.remember(frame, &sights);
         let assigned = self.assign(frame, &sights, calibrator);
         for (sight, target) in sights.iter().zip(&assigned) {
-            if let Some(t) = *target {
+            if let Some(t) = target.filter(|_| !sight.merged) {
                 self.measure(frame, sight, t, calibrator);
             }
         }
+        self.measure_merged(frame, &sights, &assigned, calibrator);
         self.note_absences(frame, &sights, calibrator);
         self.give_birth(frame, &sights, calibrator);
         self.keep_up(calibrator);
@@ -229,25 +235,14 @@ impl Follower {
         if !memory.hit(id, d2) {
             return;
         }
-        let followed = &self.targets[t];
-        let before = followed.observers.iter().find(|(r, _)| *r == frame.robot).map(|(_, at)| *at);
-        let since_s = before.map_or(1.0, |b| frame.at.seconds_since(b)).max(1e-3);
-        let repeat = (2.0 * self.config.correlation_s / since_s).clamp(1.0, 10.0);
+        let followed_alone = self.is_seen_by_one(t, frame);
+        let repeat = self.repeat(t, frame);
         let m = self.bearing(frame, sight, range_m, repeat);
-        let followed_alone =
-            followed.observers.iter().all(|(r, at)| *r == frame.robot || frame.at.seconds_since(*at) > OBSERVED_S);
+        self.use_bearing(t, &m);
         let followed = &mut self.targets[t];
-        followed.target.update(&m);
-        followed.two_robots |= !followed_alone;
-        followed.last = followed.last.max(frame.at);
-        followed.updates += 1;
-        match followed.observers.iter_mut().find(|(r, _)| *r == frame.robot) {
-            Some((_, at)) => *at = frame.at,
-            None => followed.observers.push((frame.robot, frame.at)),
-        }
-        followed.absent.retain(|(r, _)| *r != frame.robot);
-        if sight.merged {
-            return;
+        if followed.target.sigma_m() < 0.2 && sight.half_width_rad > 0.0 {
+            followed.half_width_m +=
+                0.05 * ((sight.half_width_rad.tan() * range_m).clamp(0.1, 0.6) - followed.half_width_m);
         }
         followed.misfit += 0.05 * (sight.cue.cost(range_m) - followed.misfit);
         if let (true, Some((log_range, spread))) = (followed_alone, sight.cue.log_range) {
@@ -260,6 +255,37 @@ impl Follower {
                 crate::stereo::triangulate::height_m(frame.camera.height_m, range_m, elevation, sigma, range_var);
             followed.target.update_top(top, var * repeat + TOP_FLOOR_VAR, TOP_FLOOR_VAR);
         }
+    }
+}
+
+impl Follower {
+    /// Whether no other robot has seen the target of late.
+    fn is_seen_by_one(&self, t: usize, frame: &Frame<'_>) -> bool {
+        let observers = &self.targets[t].observers;
+        observers.iter().all(|(r, at)| *r == frame.robot || frame.at.seconds_since(*at) > OBSERVED_S)
+    }
+
+    /// How much less a frame says because its error is like that of the frame before.
+    fn repeat(&self, t: usize, frame: &Frame<'_>) -> f64 {
+        let before = self.targets[t].observers.iter().find(|(r, _)| *r == frame.robot).map(|(_, at)| *at);
+        let since_s = before.map_or(1.0, |b| frame.at.seconds_since(b)).max(1e-3);
+        (2.0 * self.config.correlation_s / since_s).clamp(1.0, MOST_REPEAT)
+    }
+
+    /// Updates a target and its book-keeping by a bearing that has passed all gates.
+    fn use_bearing(&mut self, t: usize, m: &BearingFrom) {
+        let alone =
+            self.targets[t].observers.iter().all(|(r, at)| *r == m.robot || m.at.seconds_since(*at) > OBSERVED_S);
+        let followed = &mut self.targets[t];
+        followed.target.update(m);
+        followed.two_robots |= !alone;
+        followed.last = followed.last.max(m.at);
+        followed.updates += 1;
+        match followed.observers.iter_mut().find(|(r, _)| *r == m.robot) {
+            Some((_, at)) => *at = m.at,
+            None => followed.observers.push((m.robot, m.at)),
+        }
+        followed.absent.retain(|(r, _)| *r != m.robot);
     }
 }
 

@@ -148,3 +148,6 @@ impl Leader {
         }
     }
 }
+
+#[cfg(test)]
+mod tests;

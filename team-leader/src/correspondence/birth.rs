@@ -249,6 +249,7 @@ impl Follower {
             last: frame.at,
             updates: 2,
             two_robots: true,
+            half_width_m: 0.23,
             misfit: 0.0,
             absent: Vec::new(),
         });

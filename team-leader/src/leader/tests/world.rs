@@ -1,0 +1,563 @@
+//! A flat world of robots and people, made from geometry, noise and a seed.
+
+use std::collections::BTreeMap;
+
+use protocol::id::{RobotId, TrackId};
+use protocol::marker::Marker;
+use protocol::message::{
+    Announcement, CameraSummary, ClockReply, ElevationEnd, Motion, ObjectClass, Observation, PeerSighting,
+    SightedRange, Stages, TeamMap, TrackObservation, TrackState,
+};
+use protocol::quantity::{Angle16, Fraction8, LogSigma, Millimetres};
+use protocol::time::Timestamp;
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use rand_distr::{Distribution, Normal};
+
+use crate::leader::{Input, Leader, Output};
+
+const ROOM_M: [f64; 2] = [8.0, 6.0];
+const STEP_S: f64 = 0.005;
+const HALF_PERSON_M: f64 = 0.23;
+const START_S: f64 = 1_700_000_000.0;
+
+#[derive(Debug, Clone)]
+pub struct Settings {
+    pub robots: usize,
+    pub people: usize,
+    pub duration_s: f64,
+    /// Which robots drive, from when to when.
+    pub drives: Vec<(usize, f64, f64)>,
+    pub edge_sigma_deg: f64,
+    pub pair_bias_deg: f64,
+    pub common_bias_deg: f64,
+    pub sway_m: f64,
+    pub sway_memory_s: f64,
+    pub white_deg: f64,
+    /// Names of the robots in the order of the world.
+    pub names: Vec<&'static str>,
+    /// Given places instead of random ones.
+    pub places: Option<Vec<[f64; 3]>>,
+}
+
+impl Default for Settings {
+    fn default() -> Self {
+        Self {
+            robots: 3,
+            people: 4,
+            duration_s: 60.0,
+            drives: vec![(2, 20.0, 30.0)],
+            edge_sigma_deg: 0.05,
+            pair_bias_deg: 0.02,
+            common_bias_deg: 0.02,
+            sway_m: 0.03,
+            sway_memory_s: 0.25,
+            white_deg: 0.15,
+            names: vec!["r1", "r2", "r3", "r4", "r5"],
+            places: None,
+        }
+    }
+}
+
+#[derive(Debug, Clone)]
+pub struct RobotTruth {
+    pub id: RobotId,
+    pub pose: [f64; 3],
+    pub start: [f64; 3],
+    offset_s: f64,
+    next_s: f64,
+    phase_s: f64,
+    frames: u32,
+    goal: Option<([f64; 3], [f64; 3], f64, f64)>,
+    vacated: Option<([f64; 2], f64)>,
+    sway: Vec<f64>,
+    tracks: BTreeMap<usize, (u32, f64)>,
+    next_track: u32,
+}
+
+#[derive(Debug, Clone)]
+pub struct PersonTruth {
+    pub position: [f64; 2],
+    pub height_m: f64,
+    /// Robots that see it (alone or merged) at present.
+    pub seen_by: Vec<usize>,
+    velocity: [f64; 2],
+    goal: [f64; 2],
+    rest_until_s: f64,
+}
+
+impl PersonTruth {
+    pub fn speed(&self) -> f64 {
+        self.velocity[0].hypot(self.velocity[1])
+    }
+}
+
+#[derive(Debug)]
+pub struct World {
+    settings: Settings,
+    rng: ChaCha8Rng,
+    pub time_s: f64,
+    pub robots: Vec<RobotTruth>,
+    pub people: Vec<PersonTruth>,
+    bias: BTreeMap<(usize, usize, u8), f64>,
+    common_bias: f64,
+    history: Vec<(f64, Vec<[f64; 3]>, Vec<PersonTruth>)>,
+}
+
+fn normal(rng: &mut ChaCha8Rng, sigma: f64) -> f64 {
+    Normal::new(0.0, sigma).unwrap().sample(rng)
+}
+
+fn wrapped(a: f64) -> f64 {
+    a.sin().atan2(a.cos())
+}
+
+fn apart(a: [f64; 2], b: [f64; 2]) -> f64 {
+    (a[0] - b[0]).hypot(a[1] - b[1])
+}
+
+impl World {
+    pub fn new(settings: Settings, seed: u64) -> Self {
+        let mut rng = ChaCha8Rng::seed_from_u64(seed);
+        let mut poses: Vec<[f64; 3]> = settings.places.clone().unwrap_or_default();
+        while poses.len() < settings.robots {
+            let p = [
+                rng.random_range(1.3..ROOM_M[0] - 1.3),
+                rng.random_range(1.3..ROOM_M[1] - 1.3),
+                rng.random_range(-3.1..3.1),
+            ];
+            if poses.iter().all(|q| apart([p[0], p[1]], [q[0], q[1]]) > 1.5) {
+                poses.push(p);
+            }
+        }
+        let mut robots = Vec::new();
+        for (k, pose) in poses.iter().enumerate() {
+            let phase_s = rng.random_range(0.0..0.1);
+            let goal = settings.drives.iter().find(|d| d.0 == k).map(|&(_, from_s, to_s)| {
+                let goal = loop {
+                    let a: f64 = rng.random_range(-3.1..3.1);
+                    let g = [pose[0] + 2.0 * a.cos(), pose[1] + 2.0 * a.sin()];
+                    let inside = (1.0..ROOM_M[0] - 1.0).contains(&g[0]) && (1.0..ROOM_M[1] - 1.0).contains(&g[1]);
+                    let free = poses.iter().enumerate().all(|(j, q)| {
+                        j == k
+                            || (0..=10).all(|s| {
+                                let f = f64::from(s) / 10.0;
+                                let at = [pose[0] + f * (g[0] - pose[0]), pose[1] + f * (g[1] - pose[1])];
+                                apart(at, [q[0], q[1]]) > 0.8
+                            })
+                    });
+                    if inside && free {
+                        break [g[0], g[1], pose[2] + std::f64::consts::FRAC_PI_2];
+                    }
+                };
+                (*pose, goal, from_s, to_s)
+            });
+            robots.push(RobotTruth {
+                id: settings.names[k].parse().unwrap(),
+                pose: *pose,
+                start: *pose,
+                offset_s: rng.random_range(-0.02..0.02),
+                next_s: phase_s,
+                phase_s,
+                frames: 0,
+                goal,
+                vacated: None,
+                sway: vec![0.0; settings.people],
+                tracks: BTreeMap::new(),
+                next_track: 0,
+            });
+        }
+        let common_bias = normal(&mut rng, settings.common_bias_deg.to_radians());
+        let mut world = Self {
+            rng,
+            time_s: 0.0,
+            robots,
+            people: Vec::new(),
+            bias: BTreeMap::new(),
+            common_bias,
+            history: Vec::new(),
+            settings,
+        };
+        for _ in 0..world.settings.people {
+            let position = world.free_place();
+            let goal = world.free_place();
+            let height_m = world.rng.random_range(1.55..1.9);
+            world.people.push(PersonTruth {
+                position,
+                height_m,
+                seen_by: Vec::new(),
+                velocity: [0.0; 2],
+                goal,
+                rest_until_s: 0.0,
+            });
+        }
+        world
+    }
+
+    fn free_place(&mut self) -> [f64; 2] {
+        loop {
+            let p = [self.rng.random_range(0.6..ROOM_M[0] - 0.6), self.rng.random_range(0.6..ROOM_M[1] - 0.6)];
+            if self.robots.iter().all(|r| apart(p, [r.pose[0], r.pose[1]]) > 0.9) {
+                return p;
+            }
+        }
+    }
+
+    /// Poses and people at a true time in the recent past.
+    pub fn truth_at(&self, time_s: f64) -> (&[[f64; 3]], &[PersonTruth]) {
+        let k = self.history.partition_point(|h| h.0 < time_s).min(self.history.len() - 1);
+        (&self.history[k].1, &self.history[k].2)
+    }
+
+    pub fn drives(&self, robot: usize) -> bool {
+        self.settings.drives.iter().any(|d| d.0 == robot)
+    }
+
+    pub fn moves(&self, robot: usize) -> bool {
+        self.robots[robot].goal.is_some_and(|(_, _, from_s, to_s)| (from_s..to_s).contains(&self.time_s))
+    }
+
+    /// Runs the leader through the whole time; `look` sees the world and each map.
+    pub fn run(&mut self, leader: &mut Leader, mut look: impl FnMut(&World, &TeamMap)) {
+        let mut post: Vec<(f64, Input)> = Vec::new();
+        for r in &self.robots {
+            post.push((0.0, Input::RobotAlive(r.id)));
+            post.push((0.01, Input::Announcement(announcement(r.id))));
+        }
+        let mut outputs = Vec::new();
+        while self.time_s < self.settings.duration_s {
+            self.time_s += STEP_S;
+            self.step();
+            for k in 0..self.robots.len() {
+                if self.time_s >= self.robots[k].next_s {
+                    let observation = self.observe(k);
+                    let late_s = self.rng.random_range(0.005..0.03);
+                    post.push((self.time_s + late_s, Input::Observation(self.robots[k].id, observation)));
+                }
+            }
+            let now_s = self.time_s;
+            let mut due: Vec<(f64, Input)> = Vec::new();
+            post.retain(|(at_s, input)| {
+                if *at_s <= now_s {
+                    due.push((*at_s, input.clone()));
+                }
+                *at_s > now_s
+            });
+            due.sort_by(|a, b| a.0.total_cmp(&b.0));
+            if leader.next_deadline().is_some_and(|d| d <= clock(now_s)) {
+                due.push((now_s, Input::Deadline));
+            }
+            for (at_s, input) in due {
+                leader.handle(clock(at_s), input, &mut outputs);
+            }
+            for output in outputs.drain(..) {
+                match output {
+                    Output::Map(map) => look(self, &map),
+                    Output::ClockProbe(robot, probe) => {
+                        let r = self.robots.iter().find(|r| r.id == robot).unwrap();
+                        let out_s = self.rng.random_range(0.0005..0.004);
+                        let back_s = self.rng.random_range(0.0005..0.004);
+                        let reply = ClockReply {
+                            probe_sent: probe.sent,
+                            received: probe.sent.offset_by_secs(out_s + r.offset_s),
+                            replied: probe.sent.offset_by_secs(out_s + r.offset_s + 1e-4),
+                            epoch: 1,
+                        };
+                        let sent_s = probe.sent.seconds_since(clock(0.0));
+                        post.push((sent_s + out_s + 1e-4 + back_s, Input::ClockReply(robot, reply)));
+                    }
+                    Output::Guidance(_) => {}
+                    Output::Notice(text) => println!("notice at {now_s:.2}: {text}"),
+                }
+            }
+        }
+    }
+
+    fn step(&mut self) {
+        let t = self.time_s;
+        for r in &mut self.robots {
+            if let Some((from, to, from_s, to_s)) = r.goal {
+                let f = ((t - from_s) / (to_s - from_s)).clamp(0.0, 1.0);
+                let f = f * f * (3.0 - 2.0 * f);
+                for k in 0..3 {
+                    r.pose[k] = from[k] + f * (to[k] - from[k]);
+                }
+                if t > from_s && r.vacated.is_none() {
+                    r.vacated = Some(([from[0], from[1]], from_s));
+                }
+            }
+            let keep = (-STEP_S / self.settings.sway_memory_s).exp();
+            for s in &mut r.sway {
+                *s = keep * *s + normal(&mut self.rng, self.settings.sway_m * (1.0 - keep * keep).sqrt());
+            }
+        }
+        for k in 0..self.people.len() {
+            let (position, goal) = (self.people[k].position, self.people[k].goal);
+            let distance = apart(position, goal);
+            if t >= self.people[k].rest_until_s && distance < 0.2 {
+                let rest_s = if self.rng.random_range(0.0..1.0) < 0.4 { 10.0 } else { 0.5 };
+                // Sometimes where somebody else is going: they meet.
+                let other = self.rng.random_range(0..self.people.len());
+                let meet = self.rng.random_range(0.0..1.0) < 0.3 && other != k;
+                let next = if meet {
+                    let o = self.people[other].goal;
+                    [o[0] + 0.45, o[1] + 0.2]
+                } else {
+                    self.free_place()
+                };
+                let p = &mut self.people[k];
+                p.rest_until_s = t + rest_s;
+                p.goal = next;
+            }
+            let mut wish = [0.0, 0.0];
+            if t >= self.people[k].rest_until_s {
+                let speed = 1.2f64.min(1.5 * distance + 0.1);
+                wish = [(goal[0] - position[0]) / distance * speed, (goal[1] - position[1]) / distance * speed];
+                let bodies = self.robots.iter().map(|r| ([r.pose[0], r.pose[1]], 0.9));
+                let others = self.people.iter().enumerate().filter(|(o, _)| *o != k).map(|(_, o)| (o.position, 0.6));
+                for (body, reach) in bodies.chain(others) {
+                    let d = apart(position, body).max(0.05);
+                    if d < reach {
+                        let push = 2.5 * (reach - d) / d;
+                        let side = [-(position[1] - body[1]), position[0] - body[0]];
+                        wish[0] += push * (position[0] - body[0] + 0.5 * side[0]);
+                        wish[1] += push * (position[1] - body[1] + 0.5 * side[1]);
+                    }
+                }
+            }
+            let p = &mut self.people[k];
+            for axis in 0..2 {
+                let a = ((wish[axis] - p.velocity[axis]) / 0.3).clamp(-3.0, 3.0);
+                p.velocity[axis] += a * STEP_S;
+                p.position[axis] += p.velocity[axis] * STEP_S;
+            }
+        }
+        let poses = self.robots.iter().map(|r| r.pose).collect();
+        let people = self.people.clone();
+        self.history.push((t, poses, people));
+        if self.history.len() > 400 {
+            self.history.drain(..200);
+        }
+    }
+
+    fn pair_bias(&mut self, observer: usize, peer: usize, part: u8) -> f64 {
+        // A new pose has new errors: one draw for before, during and after the drive.
+        let sigma = self.settings.pair_bias_deg.to_radians();
+        let epoch = |w: &Self, r: usize| match w.robots[r].goal {
+            Some((_, _, from_s, to_s)) => u8::from(w.time_s > from_s) + u8::from(w.time_s > to_s),
+            None => 0,
+        };
+        let key = (observer, peer, part + 4 * epoch(self, observer) + 16 * epoch(self, peer));
+        let rng = &mut self.rng;
+        *self.bias.entry(key).or_insert_with(|| normal(rng, sigma))
+    }
+
+    fn observe(&mut self, k: usize) -> Observation {
+        let r = &mut self.robots[k];
+        let (sequence, t) = (r.frames, self.time_s);
+        r.frames += 1;
+        r.next_s = r.phase_s + 0.1 * f64::from(r.frames) + self.rng.random_range(-0.01..0.01);
+        let capture = clock(t + self.robots[k].offset_s);
+        // The robot notices late, both ways.
+        let motion = match self.robots[k].goal {
+            Some((_, _, from_s, to_s)) if t > from_s + 0.25 && t < to_s + 0.2 => Motion::Moving,
+            _ if sequence < 3 => Motion::Unknown,
+            _ => Motion::Standing,
+        };
+        let ready_s = match self.robots[k].goal {
+            Some((_, _, _, to_s)) if t > to_s => to_s + 1.2,
+            _ => 1.5,
+        };
+        let sightings = self.sightings(k);
+        let tracks = if motion == Motion::Standing && t > ready_s { self.tracks(k) } else { self.lose_tracks(k) };
+        Observation { epoch: 1, sequence, capture, motion, odometry: None, stages: Stages::ALL, sightings, tracks }
+    }
+
+    fn lose_tracks(&mut self, k: usize) -> Vec<TrackObservation> {
+        self.robots[k].tracks.clear();
+        for p in &mut self.people {
+            p.seen_by.retain(|r| *r != k);
+        }
+        Vec::new()
+    }
+
+    fn sightings(&mut self, k: usize) -> Vec<PeerSighting> {
+        let me = self.robots[k].pose;
+        let mut found = Vec::new();
+        for j in (0..self.robots.len()).filter(|j| *j != k) {
+            let other = self.robots[j].pose;
+            let d = apart([me[0], me[1]], [other[0], other[1]]);
+            let b = wrapped((other[1] - me[1]).atan2(other[0] - me[0]) - me[2]);
+            let hidden = self.people.iter().any(|p| {
+                let dp = apart([me[0], me[1]], p.position);
+                let bp = wrapped((p.position[1] - me[1]).atan2(p.position[0] - me[0]) - me[2]);
+                dp < d && wrapped(bp - b).abs() < (HALF_PERSON_M / dp + 0.2 / d)
+            });
+            if hidden {
+                continue;
+            }
+            let edge = self.settings.edge_sigma_deg.to_radians();
+            let left = normal(&mut self.rng, edge);
+            let right = normal(&mut self.rng, edge);
+            let shift = self.pair_bias(k, j, 0);
+            let wider = self.common_bias + self.pair_bias(k, j, 1);
+            let width = 2.0 * (0.2 / d).asin() + left - right + wider;
+            let range = 0.2 / (0.5 * width).sin();
+            let range_sigma = range * (range * range - 0.04).sqrt() / 0.4 * 2f64.sqrt() * edge;
+            found.push(PeerSighting {
+                marker: 0,
+                robot: None,
+                bearing: Angle16::from_rad(b + 0.5 * (left + right) + shift),
+                bearing_sigma: LogSigma::from_value(edge / 2f64.sqrt()),
+                range: Some(SightedRange {
+                    range: Millimetres::from_m(range),
+                    sigma: LogSigma::from_value(range_sigma),
+                }),
+                heading: None,
+                confidence: Fraction8::from_value(0.9),
+                features: Vec::new(),
+            });
+        }
+        found.sort_by_key(|s| s.bearing);
+        found
+    }
+
+    fn tracks(&mut self, k: usize) -> Vec<TrackObservation> {
+        let t = self.time_s;
+        let me = self.robots[k].pose;
+        // (number: people first, then robots that move, then ghosts; bearing, range, half width, height)
+        let mut things: Vec<(usize, f64, f64, f64, f64)> = Vec::new();
+        let see = |p: [f64; 2]| {
+            let d = apart([me[0], me[1]], p);
+            (wrapped((p[1] - me[1]).atan2(p[0] - me[0]) - me[2]), d)
+        };
+        for (n, p) in self.people.iter().enumerate() {
+            let (b, d) = see(p.position);
+            things.push((n, b, d, (HALF_PERSON_M / d).atan(), p.height_m));
+        }
+        for (j, r) in self.robots.iter().enumerate().filter(|(j, _)| *j != k) {
+            if self.moves(j) {
+                let (b, d) = see([r.pose[0], r.pose[1]]);
+                things.push((100 + j, b, d, (0.2 / d).atan(), 0.6));
+            }
+            if let Some((place, since_s)) = r.vacated
+                && t > since_s + 1.0
+                && t < since_s + 8.0
+            {
+                let (b, d) = see(place);
+                things.push((200 + j, b, d, (0.2 / d).atan(), 0.5));
+            }
+        }
+        let mut observations = Vec::new();
+        let ids: Vec<usize> = things.iter().map(|x| x.0).collect();
+        self.robots[k].tracks.retain(|n, _| ids.contains(n));
+        for p in &mut self.people {
+            p.seen_by.retain(|r| *r != k);
+        }
+        for (n, b, d, half, height) in things.clone() {
+            // Regions that touch are one.
+            let mut group: Vec<usize> = vec![n];
+            loop {
+                let more: Vec<usize> = things
+                    .iter()
+                    .filter(|o| !group.contains(&o.0))
+                    .filter(|o| {
+                        things
+                            .iter()
+                            .filter(|m| group.contains(&m.0))
+                            .any(|m| wrapped(m.1 - o.1).abs() < m.3 + o.3 + 0.005)
+                    })
+                    .map(|o| o.0)
+                    .collect();
+                if more.is_empty() {
+                    break;
+                }
+                group.extend(more);
+            }
+            let hidden = things.iter().any(|o| o.0 != n && o.2 < d && wrapped(o.1 - b).abs() + half < o.3 + half);
+            // A track begins alone; of those that were never apart one speaks for all.
+            let merged = group.len() > 1;
+            let established = |m: &usize| self.robots[k].tracks.get(m).is_some_and(|e| t - e.1 >= 0.35);
+            if merged && !established(&n) {
+                let others = group.iter().any(|m| *m != n && established(m));
+                let first = things.iter().filter(|o| group.contains(&o.0)).min_by(|a, b| a.2.total_cmp(&b.2));
+                if others || first.is_none_or(|f| f.0 != n) {
+                    if n < 100 && !hidden && others {
+                        self.people[n].seen_by.push(k);
+                    }
+                    continue;
+                }
+            }
+            let speaks = group.iter().filter(|m| established(m)).count() <= 1;
+            let (next, entry) = {
+                let r = &mut self.robots[k];
+                let next = r.next_track;
+                let entry = *r.tracks.entry(n).or_insert((next, t));
+                (next, entry)
+            };
+            if entry.0 == next {
+                self.robots[k].next_track += 1;
+            }
+            if t - entry.1 < 0.35 {
+                continue;
+            }
+            if n < 100 && !hidden {
+                self.people[n].seen_by.push(k);
+            }
+            let white = self.settings.white_deg.to_radians();
+            let sway = if n < 100 { self.robots[k].sway[n] / d } else { 0.0 };
+            let mut bearing = b + sway + normal(&mut self.rng, white);
+            let mut width = 2.0 * half;
+            if merged {
+                let offsets = things
+                    .iter()
+                    .filter(|o| group.contains(&o.0))
+                    .flat_map(|o| [wrapped(o.1 - b) - o.3, wrapped(o.1 - b) + o.3]);
+                let (low, high) = offsets.fold((f64::MAX, f64::MIN), |(l, h), x| (l.min(x), h.max(x)));
+                bearing = b + 0.5 * (low + high) + normal(&mut self.rng, white);
+                width = high - low;
+            }
+            let (bottom, top) = ((-15f64).to_radians(), 20f64.to_radians());
+            let low = (-0.6 / d).atan() + normal(&mut self.rng, 0.005);
+            let high = ((height - 0.6) / d).atan() + normal(&mut self.rng, 0.005);
+            let end = |cut: bool| if cut { ElevationEnd::Cut } else { ElevationEnd::Seen };
+            observations.push(TrackObservation {
+                track: TrackId(entry.0),
+                state: if merged && !speaks { TrackState::Merged } else { TrackState::Visible },
+                bearing: Angle16::from_rad(bearing),
+                bearing_sigma: LogSigma::from_value(white.hypot(self.settings.sway_m / d)),
+                elevation: [Angle16::from_rad(low.max(bottom)), Angle16::from_rad(high.min(top))],
+                elevation_sigma: LogSigma::from_value(0.005),
+                ends: [end(low < bottom), end(high > top)],
+                width: Angle16::from_rad(width.min(3.0)),
+                range: None,
+                class: ObjectClass::Unknown,
+                confidence: Fraction8::from_value(0.9),
+                appearance: None,
+            });
+        }
+        observations
+    }
+}
+
+pub fn clock(time_s: f64) -> Timestamp {
+    Timestamp::from_secs_f64(START_S).offset_by_secs(time_s)
+}
+
+fn announcement(robot: RobotId) -> Announcement {
+    Announcement {
+        robot,
+        epoch: 1,
+        host: "world".into(),
+        version: "0".into(),
+        marker: Marker::Cylinder { radius_m: 0.2, height_m: [0.1, 0.5], look: None },
+        camera: CameraSummary {
+            model: "pal".into(),
+            height_m: 0.6,
+            height_sigma_m: 0.002,
+            tilt_sigma_rad: 0.002,
+            elevation_rad: [(-15f64).to_radians(), 20f64.to_radians()],
+            frame_rate_hz: 10.0,
+        },
+    }
+}
