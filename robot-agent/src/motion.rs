@@ -1,1 +1,518 @@
-//! Being written.
+//! What moves in a picture (report section VI, `MATHS.md` §7, golden groups `median` … `alarm`).
+//!
+//! The stage works on one 8-bit gray picture, a panorama whose columns close to a ring or a plain image, and knows no
+//! optics. A frame passes three calls, so that a shell can look at its clock between them:
+//!
+//! ```text
+//! change   own motion · background bootstrap · |C − B| against noise · alarm     → Change
+//! extract  whole bodies from faint marks · regions over the seam · ghosts, gate  → Scene (mask, objects)
+//! learn    running average and noise outside objects and held tracks
+//! ```
+//!
+//! Thresholds follow each pixel's noise. Faint marks (1.6 σ) make bodies by majority in a window, strong ones (4 σ) decide
+//! whether a body is there at all, so that somebody dressed like the wall is found whole and noise is not found.
+
+mod background;
+mod bodies;
+mod filter;
+mod gate;
+mod ghost;
+pub mod kernel;
+mod own_motion;
+mod raster;
+mod regions;
+
+use protocol::message::{AlarmKind, Motion};
+use protocol::time::Timestamp;
+
+pub use background::{Background, BackgroundMode};
+pub use gate::{region_moves, scene_changed};
+pub use raster::{Arc, Raster};
+pub use regions::{MAX_RUNS, Region, group};
+
+use filter::Majority;
+use own_motion::OwnMotion;
+
+/// Most objects of one frame; the smallest are left out.
+pub const MAX_OBJECTS: usize = 128;
+
+/// Why a picture cannot be worked on.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub enum MotionError {
+    /// A raster or mask that cannot be.
+    #[error("a picture of {width}×{height} pixels cannot be tested; at least 16×16 and at most 2³² pixels are needed")]
+    Size {
+        /// Columns.
+        width: usize,
+        /// Rows.
+        height: usize,
+    },
+    /// A picture or mask of another size.
+    #[error("{what} holds {found} pixels; {wanted} were expected")]
+    Length {
+        /// "the picture" or "the mask".
+        what: &'static str,
+        /// How many came.
+        found: usize,
+        /// How many there should be.
+        wanted: usize,
+    },
+}
+
+/// How motion is found. The defaults suit a standing robot indoors and a fixed camera outdoors alike.
+#[derive(Debug, Clone, PartialEq)]
+pub struct MotionSettings {
+    /// How the background comes about.
+    pub background: BackgroundMode,
+    /// The running average takes 1/2^k of each frame (k 1 … 8; 4 is the report's 1/16).
+    pub rate_shift: u32,
+    /// Least change that marks faintly and strongly, grey levels, however quiet the camera.
+    pub floor_levels: [f64; 2],
+    /// Half size of the majority window (columns, rows).
+    pub window_reach: [usize; 2],
+    /// Half the distance (columns, rows) that joins pixels to one region.
+    pub gap: [usize; 2],
+    /// Smallest object, pixels.
+    pub min_area_px: usize,
+    /// Rows between two pieces of one body, as a share of their joint height.
+    pub max_gap_share: f64,
+    /// Whether the camera is on a robot that may drive. Off for a fixed camera.
+    pub own_motion: bool,
+}
+
+impl Default for MotionSettings {
+    fn default() -> Self {
+        Self {
+            background: BackgroundMode::Live { bootstrap_s: 0.8 },
+            rate_shift: 4,
+            floor_levels: [2.0, 6.0],
+            window_reach: [2, 3],
+            gap: [1, 2],
+            min_area_px: 30,
+            max_gap_share: 0.12,
+            own_motion: true,
+        }
+    }
+}
+
+/// How the background stands.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum BackgroundState {
+    /// The robot moves, or it is not known yet that it stands.
+    Suspended,
+    /// Frames are being collected.
+    Building,
+    /// It can be subtracted.
+    Ready,
+}
+
+/// What [`MotionStage::change`] found out.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Change {
+    /// What the robot itself does.
+    pub motion: Motion,
+    /// Whether the other stages can run.
+    pub background: BackgroundState,
+    /// Set in the frame in which it began.
+    pub alarm: Option<AlarmKind>,
+}
+
+/// A region that differs from the background.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Object {
+    /// Where.
+    pub region: Region,
+    /// Whether it passes the change gate: it differs from the frame before.
+    pub moves: bool,
+    /// Whether its outline belongs to the background: somebody has left.
+    pub ghost: bool,
+}
+
+/// What the tracker sees of a frame.
+#[derive(Debug, Clone, Copy)]
+pub struct Scene<'a> {
+    /// Size and topology.
+    pub raster: &'a Raster,
+    /// The picture.
+    pub picture: &'a [u8],
+    /// 1 where something is that does not belong to the background.
+    pub mask: &'a [u8],
+    /// 0 where nothing is ever tested, else 1.
+    pub valid: &'a [u8],
+    /// The regions of the mask that are objects.
+    pub objects: &'a [Object],
+}
+
+/// A rectangle of the picture.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Patch {
+    /// Columns.
+    pub arc: Arc,
+    /// First and last row.
+    pub rows: [usize; 2],
+}
+
+/// What the tracker wants of the background: keep out of some patches, take over others.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct Holds {
+    /// Somebody stands there: never learnt.
+    pub keep: Vec<Patch>,
+    /// Somebody has stood there for so long that it belongs to the scene now.
+    pub release: Vec<Patch>,
+}
+
+/// Finds what moves. See the module for the order of calls.
+#[derive(Debug)]
+pub struct MotionStage {
+    raster: Raster,
+    settings: MotionSettings,
+    valid: Vec<u8>,
+    valid_count: usize,
+    background: Background,
+    own_motion: OwnMotion,
+    majority: Majority,
+    state: BackgroundState,
+    motion: Motion,
+    picture: Vec<u8>,
+    previous: Vec<u8>,
+    anchor: Vec<u8>,
+    faint: Vec<u8>,
+    strong: Vec<u8>,
+    changed: Vec<u8>,
+    mask: Vec<u8>,
+    exclude: Vec<u8>,
+    objects: Vec<Object>,
+    ghosts: Vec<(Patch, u32)>,
+    noise_sigma: f64,
+    sensor_failed: bool,
+}
+
+impl MotionStage {
+    /// For pictures of one size. `valid`: 0 = never tested, never counted (the robot's own body, the hole); all where `None`.
+    ///
+    /// # Errors
+    /// A size below 16×16, or a mask of another size.
+    pub fn new(raster: Raster, valid: Option<&[u8]>, settings: MotionSettings) -> Result<Self, MotionError> {
+        let n = raster.len();
+        if raster.width < 16 || raster.height < 16 || u32::try_from(n).is_err() {
+            return Err(MotionError::Size { width: raster.width, height: raster.height });
+        }
+        let valid: Vec<u8> = match valid {
+            Some(v) if v.len() != n => {
+                return Err(MotionError::Length { what: "the mask", found: v.len(), wanted: n });
+            }
+            Some(v) => v.iter().map(|&v| u8::from(v != 0)).collect(),
+            None => vec![1; n],
+        };
+        Ok(Self {
+            raster,
+            valid_count: kernel::count_ones(&valid),
+            background: Background::new(settings.background, n),
+            own_motion: OwnMotion::new(raster, valid.clone()),
+            majority: Majority::new(raster, settings.window_reach.map(|r| r.clamp(1, 5)), &valid),
+            valid,
+            state: BackgroundState::Suspended,
+            motion: Motion::Unknown,
+            picture: vec![0; n],
+            previous: Vec::new(),
+            anchor: Vec::new(),
+            faint: vec![0; n],
+            strong: vec![0; n],
+            changed: vec![0; n],
+            mask: vec![0; n],
+            exclude: vec![0; n],
+            objects: Vec::new(),
+            ghosts: Vec::new(),
+            noise_sigma: 2.0,
+            sensor_failed: false,
+            settings,
+        })
+    }
+
+    /// Take a frame: what does the robot do, is there a background, what differs from it?
+    ///
+    /// # Errors
+    /// A picture of another size; the state is unchanged.
+    pub fn change(&mut self, picture: &[u8], capture: Timestamp) -> Result<Change, MotionError> {
+        if picture.len() != self.raster.len() {
+            return Err(MotionError::Length { what: "the picture", found: picture.len(), wanted: self.raster.len() });
+        }
+        self.objects.clear();
+        if let Some(failure) = sensor_failure(picture, &self.valid) {
+            let alarm = (!self.sensor_failed).then(|| AlarmKind::SensorFailure(failure.to_owned()));
+            self.sensor_failed = true;
+            self.state = BackgroundState::Suspended;
+            self.background.restart();
+            self.own_motion.reset();
+            self.previous.clear();
+            self.motion = Motion::Unknown;
+            return Ok(Change { motion: self.motion, background: self.state, alarm });
+        }
+        self.sensor_failed = false;
+        std::mem::swap(&mut self.previous, &mut self.picture);
+        self.previous.truncate(self.raster.len());
+        self.picture.clear();
+        self.picture.extend_from_slice(picture);
+
+        let before = self.motion;
+        let mut relit = false;
+        if self.settings.own_motion {
+            let anchor = (!self.anchor.is_empty()).then_some(self.anchor.as_slice());
+            let (motion, comparison) = self.own_motion.step(picture, anchor, self.noise_sigma);
+            self.motion = motion;
+            relit = comparison.is_relit();
+        } else {
+            self.motion = Motion::Standing;
+        }
+        if self.motion != Motion::Standing {
+            let alarm = (before == Motion::Standing).then_some(AlarmKind::SelfMotion);
+            self.suspend();
+            return Ok(Change { motion: self.motion, background: self.state, alarm });
+        }
+        let mut alarm = None;
+        if self.state == BackgroundState::Suspended {
+            self.begin();
+        }
+        if self.state == BackgroundState::Building {
+            alarm = self.build(capture);
+        } else {
+            self.mark();
+            if gate::scene_changed(self.valid_count, kernel::count_ones(&self.strong)) {
+                alarm = Some(if relit { AlarmKind::LightSwitched } else { AlarmKind::SceneChanged });
+                self.begin();
+                let _ = self.build(capture);
+            }
+        }
+        Ok(Change { motion: self.motion, background: self.state, alarm })
+    }
+
+    /// Objects from the marks of this frame's [`MotionStage::change`]. Does nothing while there is no background.
+    pub fn extract(&mut self) {
+        self.objects.clear();
+        if self.state != BackgroundState::Ready {
+            self.mask.fill(0);
+            return;
+        }
+        self.majority.apply(&self.faint, &mut self.mask);
+        let fragments = regions::group(&self.mask, &self.raster, self.settings.gap, self.settings.min_area_px / 4 + 1);
+        let mut regions = bodies::join_fragments(fragments, &self.raster, self.settings.max_gap_share);
+        regions.retain(|r| {
+            // A real body is clearly different somewhere.
+            let strong = count_in(r, &self.strong, self.raster.width);
+            r.area >= self.settings.min_area_px && strong >= (r.area / 100).max(4)
+        });
+        if regions.len() > MAX_OBJECTS {
+            regions.sort_by_key(|r| std::cmp::Reverse(r.area));
+            regions.truncate(MAX_OBJECTS);
+        }
+        for region in regions {
+            let moves = gate::region_moves(region.area, count_in(&region, &self.changed, self.raster.width));
+            let steps = ghost::outline_steps(&region, &self.picture, &self.background.level, &self.raster);
+            self.objects.push(Object { moves, ghost: steps.is_ghost(), region });
+        }
+        self.remove_ghosts();
+        self.keep_only_objects_in_mask();
+    }
+
+    /// What the tracker sees.
+    pub fn scene(&self) -> Scene<'_> {
+        Scene { raster: &self.raster, picture: &self.picture, mask: &self.mask, valid: &self.valid, objects: &self.objects }
+    }
+
+    /// Let the background follow, outside this frame's moving objects and `holds.keep`.
+    pub fn learn(&mut self, holds: &Holds) {
+        if self.state != BackgroundState::Ready {
+            return;
+        }
+        self.exclude.fill(0);
+        for object in self.objects.iter().filter(|o| o.moves) {
+            fill(&mut self.exclude, &Patch { arc: object.region.arc, rows: object.region.rows }, MARGIN, 1, &self.raster);
+        }
+        for patch in &holds.keep {
+            fill(&mut self.exclude, patch, MARGIN, 1, &self.raster);
+        }
+        for patch in &holds.release {
+            fill(&mut self.exclude, patch, MARGIN, 0, &self.raster);
+        }
+        self.background.learn(&self.picture, &self.exclude, self.settings.rate_shift);
+        round_levels(&self.background.level, &mut self.anchor);
+    }
+
+    /// Start the background anew with the next frame, as on a command.
+    pub fn restart(&mut self) {
+        self.suspend();
+        self.own_motion.reset();
+        self.motion = Motion::Unknown;
+    }
+
+    /// The background, rounded to grey levels; 0 before it is ready.
+    pub fn background(&self) -> Vec<u8> {
+        self.background.levels()
+    }
+
+    /// How the background stands.
+    pub fn state(&self) -> BackgroundState {
+        self.state
+    }
+
+    /// Size and topology of the pictures.
+    pub fn raster(&self) -> &Raster {
+        &self.raster
+    }
+
+    /// Typical noise of the picture against the background, one standard deviation in grey levels.
+    pub fn noise_sigma(&self) -> f64 {
+        self.noise_sigma
+    }
+
+    fn suspend(&mut self) {
+        self.state = BackgroundState::Suspended;
+        self.background.restart();
+        self.anchor.clear();
+        self.ghosts.clear();
+    }
+
+    fn begin(&mut self) {
+        self.suspend();
+        self.state = BackgroundState::Building;
+        // Until there is a background, the first frame is what the robot must not leave.
+        self.anchor.extend_from_slice(&self.picture);
+    }
+
+    fn build(&mut self, capture: Timestamp) -> Option<AlarmKind> {
+        if !self.background.collect(&self.picture, capture) {
+            return None;
+        }
+        self.state = BackgroundState::Ready;
+        round_levels(&self.background.level, &mut self.anchor);
+        self.update_noise_sigma();
+        self.mark();
+        Some(AlarmKind::BackgroundReady)
+    }
+
+    fn mark(&mut self) {
+        let [faint, strong] = self.settings.floor_levels.map(|f| (f * 256.0) as u16);
+        kernel::mark_changes(
+            &self.picture,
+            &self.background.level,
+            &self.background.noise,
+            &self.valid,
+            faint,
+            strong,
+            &mut self.faint,
+            &mut self.strong,
+        );
+        self.update_noise_sigma();
+        // Noise of a difference of two frames is √2 that of one (T_D of §7.4).
+        let threshold = (4.0 * std::f64::consts::SQRT_2 * self.noise_sigma).max(self.settings.floor_levels[1]);
+        if self.previous.len() == self.picture.len() {
+            kernel::mark_difference(&self.picture, &self.previous, threshold.min(255.0) as u8, &mut self.changed);
+        } else {
+            self.changed.fill(0);
+        }
+    }
+
+    /// Median of the pixels' noise, from a sparse sample.
+    fn update_noise_sigma(&mut self) {
+        const STRIDE: usize = 131;
+        let mut sample: Vec<u16> = self.background.noise.iter().copied().step_by(STRIDE).collect();
+        let middle = sample.len() / 2;
+        let (_, median, _) = sample.select_nth_unstable(middle);
+        self.noise_sigma = (f64::from(*median) / 256.0 * 1.2533).max(0.3);
+    }
+
+    /// Still regions whose outline lies in the background for some frames: take over what is there now.
+    fn remove_ghosts(&mut self) {
+        let mut seen = Vec::new();
+        for object in self.objects.iter().filter(|o| o.ghost && !o.moves) {
+            let patch = Patch { arc: object.region.arc, rows: object.region.rows };
+            let before = self.ghosts.iter().find(|(p, _)| similar(p, &patch, &self.raster)).map_or(0, |(_, n)| *n);
+            seen.push((patch, before + 1));
+        }
+        for (patch, _) in seen.iter().filter(|(_, n)| *n >= GHOST_FRAMES) {
+            for row in patch.rows[0]..=patch.rows[1] {
+                for offset in 0..patch.arc.width {
+                    let i = row * self.raster.width + self.raster.column(patch.arc.start, offset);
+                    if self.mask[i] != 0 {
+                        self.background.absorb(&self.picture, i, 1);
+                    }
+                }
+            }
+        }
+        let gone = |o: &Object| {
+            let patch = Patch { arc: o.region.arc, rows: o.region.rows };
+            o.ghost && !o.moves && seen.iter().any(|(p, n)| *n >= GHOST_FRAMES && *p == patch)
+        };
+        self.objects.retain(|o| !gone(o));
+        self.ghosts = seen;
+    }
+
+    fn keep_only_objects_in_mask(&mut self) {
+        self.mask.fill(0);
+        for object in &self.objects {
+            for (row, start, len) in object.region.spans() {
+                self.mask[row * self.raster.width + start..][..len].fill(1);
+            }
+        }
+    }
+}
+
+/// Pixels round an object that are not learnt: its blurred outline and its next step.
+const MARGIN: usize = 3;
+/// Frames in which a region must look like a ghost before it is one.
+const GHOST_FRAMES: u32 = 2;
+
+fn count_in(region: &Region, marks: &[u8], width: usize) -> usize {
+    region.spans().map(|(row, start, len)| kernel::count_ones(&marks[row * width + start..][..len])).sum()
+}
+
+fn fill(marks: &mut [u8], patch: &Patch, margin: usize, value: u8, raster: &Raster) {
+    let arc = patch.arc.grown(margin, raster);
+    let first = arc.width.min(raster.width - arc.start);
+    for row in patch.rows[0].saturating_sub(margin)..(patch.rows[1] + margin + 1).min(raster.height) {
+        let row = &mut marks[row * raster.width..(row + 1) * raster.width];
+        row[arc.start..arc.start + first].fill(value);
+        row[..arc.width - first].fill(value);
+    }
+}
+
+fn similar(a: &Patch, b: &Patch, raster: &Raster) -> bool {
+    let columns = a.arc.overlap(&b.arc, raster);
+    let rows = (a.rows[1].min(b.rows[1]) + 1).saturating_sub(a.rows[0].max(b.rows[0]));
+    let area = |p: &Patch| p.arc.width * (p.rows[1] - p.rows[0] + 1);
+    10 * columns * rows > 7 * area(a).max(area(b))
+}
+
+fn round_levels(level: &[u16], out: &mut Vec<u8>) {
+    out.resize(level.len(), 0);
+    for (o, &b) in out.iter_mut().zip(level) {
+        *o = (b.saturating_add(128) >> 8) as u8;
+    }
+}
+
+/// All black or all white is no picture. Looks at a sparse sample.
+fn sensor_failure(picture: &[u8], valid: &[u8]) -> Option<&'static str> {
+    let (mut n, mut dark, mut bright) = (0, 0, 0);
+    for (&p, &v) in picture.iter().zip(valid).step_by(17) {
+        if v != 0 {
+            n += 1;
+            dark += usize::from(p <= 2);
+            bright += usize::from(p >= 253);
+        }
+    }
+    if n > 0 && 100 * dark >= 98 * n {
+        Some("the picture is black")
+    } else if n > 0 && 100 * bright >= 98 * n {
+        Some("the picture is saturated")
+    } else {
+        None
+    }
+}
+
+/// A group of the golden numbers.
+#[cfg(test)]
+pub(crate) fn golden(group: &str) -> serde_json::Value {
+    let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../tests/golden/golden.json");
+    let all: serde_json::Value = serde_json::from_str(&std::fs::read_to_string(path).unwrap()).unwrap();
+    all[group].clone()
+}

@@ -1,0 +1,227 @@
+//! What the scene looks like without the things that move: a level and a noise estimate a pixel.
+//!
+//! The report's two modes (`MATHS.md` §7.2, §7.3; report VI.3): *permanent*, the exact median of n frames, and
+//! *instantaneous*, the first frame followed by a running average outside objects. A robot that has just stopped has
+//! people in view and one second to be useful, so the default is between them: the median of the first second (which loses
+//! whoever walks), followed by the running average, while those who stood in the first frames leave a *ghost* that is
+//! recognised by its edges (see `ghost`) and removed.
+//!
+//! The noise estimate is a running mean of |C − B| outside objects, so thresholds follow the camera, its gain, flickering
+//! lamps and vibrating edges, pixel by pixel.
+
+use protocol::time::Timestamp;
+
+use super::kernel;
+
+/// How a background comes about.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum BackgroundMode {
+    /// Median of `frames` frames (2 … 255), each `every`-th one; then unchanged until it is restarted.
+    Permanent {
+        /// n of the median.
+        frames: usize,
+        /// 1 takes each frame.
+        every: usize,
+    },
+    /// The first frame, then the running average outside objects.
+    Instantaneous,
+    /// Median of the frames of the first `bootstrap_s` seconds, then the running average outside objects.
+    Live {
+        /// 0.8 leaves a fifth of the second for noticing that the robot stands.
+        bootstrap_s: f64,
+    },
+}
+
+/// Most frames of a bootstrap in [`BackgroundMode::Live`]: an odd number, so that the median is a middle.
+const LIVE_FRAMES: usize = 9;
+
+/// Level and noise of each pixel, 8.8 fixed point.
+#[derive(Debug)]
+pub struct Background {
+    mode: BackgroundMode,
+    /// Background grey level.
+    pub(super) level: Vec<u16>,
+    /// Mean absolute deviation of the picture from `level` where nothing moves.
+    pub(super) noise: Vec<u16>,
+    /// Frames collected for the median; empty once it is there.
+    stack: Vec<Vec<u8>>,
+    seen: usize,
+    first_capture: Timestamp,
+    last_taken: Timestamp,
+    ready: bool,
+}
+
+impl Background {
+    /// Nothing known yet, for pictures of `len` pixels.
+    pub fn new(mode: BackgroundMode, len: usize) -> Self {
+        Self {
+            mode,
+            level: vec![0; len],
+            noise: vec![0; len],
+            stack: Vec::new(),
+            seen: 0,
+            first_capture: Timestamp(0),
+            last_taken: Timestamp(0),
+            ready: false,
+        }
+    }
+
+    /// Whether it can be subtracted.
+    pub fn is_ready(&self) -> bool {
+        self.ready
+    }
+
+    /// Grey levels, rounded.
+    pub fn levels(&self) -> Vec<u8> {
+        self.level.iter().map(|&b| ((u32::from(b) + 128) >> 8).min(255) as u8).collect()
+    }
+
+    /// Forget everything; the next frame is the first.
+    pub fn restart(&mut self) {
+        self.stack.clear();
+        self.seen = 0;
+        self.ready = false;
+    }
+
+    /// Take a frame while the background is not ready; true when it has become ready with it.
+    pub fn collect(&mut self, picture: &[u8], capture: Timestamp) -> bool {
+        if self.seen == 0 {
+            self.first_capture = capture;
+        }
+        self.seen += 1;
+        let elapsed_s = capture.seconds_since(self.first_capture);
+        let (take, enough) = match self.mode {
+            BackgroundMode::Instantaneous => (true, 1),
+            BackgroundMode::Permanent { frames, every } => ((self.seen - 1).is_multiple_of(every.max(1)), frames.clamp(2, 255)),
+            BackgroundMode::Live { bootstrap_s } => {
+                // Evenly over the time, whatever the frame rate; a slow camera makes do with two.
+                let spacing_s = bootstrap_s / (LIVE_FRAMES - 1) as f64;
+                let due = self.stack.is_empty() || capture.seconds_since(self.last_taken) > 0.8 * spacing_s;
+                let enough = if elapsed_s >= bootstrap_s - 0.5 * spacing_s { 2 } else { LIVE_FRAMES };
+                (due, enough)
+            }
+        };
+        if take {
+            self.stack.push(picture.to_vec());
+            self.last_taken = capture;
+        }
+        if self.stack.len() >= enough {
+            self.settle();
+        }
+        self.ready
+    }
+
+    /// Median and noise of the collected frames.
+    fn settle(&mut self) {
+        let n = self.stack.len();
+        let mut median = vec![0; self.level.len()];
+        kernel::median(&self.stack.iter().map(Vec::as_slice).collect::<Vec<_>>(), &mut median);
+        for (b, &m) in self.level.iter_mut().zip(&median) {
+            *b = u16::from(m) << 8;
+        }
+        // Deviations, taking the place of the frames.
+        for frame in &mut self.stack {
+            for (c, &m) in frame.iter_mut().zip(&median) {
+                *c = c.abs_diff(m);
+            }
+        }
+        let pooled = if n > 2 { mean_of_typical_pixels(&self.stack) } else { 1.0 };
+        for (i, noise) in self.noise.iter_mut().enumerate() {
+            // Few frames say little about one pixel: half its own voice, half that of all, and never less than all say
+            // together, for a pixel that happened to be quiet would be loud later. Walkers must not raise it.
+            let own = self.stack.iter().map(|f| f32::from(f[i])).sum::<f32>() / n as f32;
+            let blended = (0.5 * (pooled + own)).clamp(pooled, 3.0 * pooled);
+            *noise = ((blended * 256.0) as u16).min(kernel::NOISE_MAX);
+        }
+        self.stack.clear();
+        self.ready = true;
+    }
+
+    /// The running average outside objects; nothing in permanent mode. `exclude` is not 0 on objects.
+    pub fn learn(&mut self, picture: &[u8], exclude: &[u8], rate_shift: u32) {
+        if self.ready && !matches!(self.mode, BackgroundMode::Permanent { .. }) {
+            kernel::learn(picture, exclude, rate_shift, NOISE_SHIFT, &mut self.level, &mut self.noise);
+        }
+    }
+
+    /// Take the picture's levels for `len` pixels from index `start`: what stood there has left.
+    pub(super) fn absorb(&mut self, picture: &[u8], start: usize, len: usize) {
+        for i in start..start + len {
+            self.level[i] = u16::from(picture[i]) << 8;
+        }
+    }
+}
+
+/// The noise follows over 2⁵ frames.
+const NOISE_SHIFT: u32 = 5;
+
+/// Mean absolute deviation over the quieter 80 % of the pixels, made up for those left out being the louder ones.
+fn mean_of_typical_pixels(deviations: &[Vec<u8>]) -> f32 {
+    let n = deviations.len();
+    let mut sums: Vec<u32> =
+        (0..deviations[0].len()).map(|i| deviations.iter().map(|f| u32::from(f[i])).sum()).collect();
+    let keep = sums.len() * 4 / 5;
+    if keep == 0 {
+        return 1.0;
+    }
+    sums.select_nth_unstable(keep);
+    let total: u64 = sums[..keep].iter().map(|&s| u64::from(s)).sum();
+    // For the mean of nine half-normal deviations the quieter 80 % have 0.9 of the mean of all.
+    (total as f32 / (keep * n) as f32 / 0.9).max(0.25)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::motion::golden;
+
+    fn at(s: f64) -> Timestamp {
+        Timestamp::from_secs_f64(s)
+    }
+
+    #[test]
+    fn the_permanent_background_is_the_golden_median() {
+        let golden = golden("median");
+        for (sequence, want) in
+            golden["inputs"]["seqs"].as_array().unwrap().iter().zip(golden["outputs"].as_array().unwrap())
+        {
+            let values: Vec<u8> = sequence.as_array().unwrap().iter().map(|v| v.as_u64().unwrap() as u8).collect();
+            if values.len() < 2 {
+                continue;
+            }
+            let mut background = Background::new(BackgroundMode::Permanent { frames: values.len(), every: 1 }, 3);
+            let mut ready = false;
+            for (i, v) in values.iter().enumerate() {
+                assert!(!ready);
+                ready = background.collect(&[*v; 3], at(i as f64));
+            }
+            assert!(ready);
+            assert_eq!(u64::from(background.levels()[0]), want.as_u64().unwrap());
+        }
+    }
+
+    #[test]
+    fn the_running_average_follows_the_golden_steps_in_fixed_point() {
+        let golden = golden("bg_update");
+        let mut background = Background::new(BackgroundMode::Instantaneous, 2);
+        background.collect(&[100, 100], at(0.0));
+        for want in golden["outputs"].as_array().unwrap() {
+            background.learn(&[140, 140], &[0, 1], 4);
+            assert_eq!(u64::from(background.level[0]), want.as_u64().unwrap());
+            assert_eq!(background.level[1], 25600, "object pixels are not learnt");
+        }
+    }
+
+    #[test]
+    fn a_live_background_is_there_within_a_second_at_any_frame_rate() {
+        for rate_hz in [1.5, 5.0, 10.0, 25.0, 100.0] {
+            let mut background = Background::new(BackgroundMode::Live { bootstrap_s: 0.8 }, 4);
+            let mut i = 0;
+            while !background.collect(&[9; 4], at(f64::from(i) / rate_hz)) {
+                i += 1;
+            }
+            assert!(f64::from(i) / rate_hz <= 1.0, "{rate_hz} Hz: frame {i}");
+            assert_eq!(background.levels(), [9; 4]);
+        }
+    }
+}

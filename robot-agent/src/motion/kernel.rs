@@ -1,0 +1,173 @@
+//! The loops over pixels: plain functions over slices whose lengths the caller has made equal. Written so that the
+//! compiler vectorises them: no branches on data, no allocation, one element of each slice a step.
+
+/// The noise estimate saturates here (8.8 fixed point: 6.6 grey levels of mean deviation), so that thresholds stay in 16 bits.
+pub const NOISE_MAX: u16 = 1700;
+
+/// Marks pixels that differ from the background: `faint` where |C − B| ≥ max(`floor_faint`, 1.6 σ), `strong` where
+/// |C − B| ≥ max(`floor_strong`, 4 σ) (`MATHS.md` §7.4). Background, noise (mean absolute deviation, σ = 1.25 noise) and
+/// floors are 8.8 fixed point; 1 marks, 0 does not; pixels with `valid` 0 are never marked (`valid` is 0 or 1).
+#[allow(clippy::too_many_arguments)]
+pub fn mark_changes(
+    current: &[u8],
+    background: &[u16],
+    noise: &[u16],
+    valid: &[u8],
+    floor_faint: u16,
+    floor_strong: u16,
+    faint: &mut [u8],
+    strong: &mut [u8],
+) {
+    let n = current.len();
+    let (background, noise, valid) = (&background[..n], &noise[..n], &valid[..n]);
+    let (faint, strong) = (&mut faint[..n], &mut strong[..n]);
+    for i in 0..n {
+        let difference = (u16::from(current[i]) << 8).abs_diff(background[i]);
+        let deviation = noise[i];
+        faint[i] = u8::from(difference >= (deviation * 2).max(floor_faint)) & valid[i];
+        strong[i] = u8::from(difference >= (deviation * 5).max(floor_strong)) & valid[i];
+    }
+}
+
+/// |a − b| ≥ `threshold` as 0 or 1 (6-1).
+pub fn mark_difference(a: &[u8], b: &[u8], threshold: u8, out: &mut [u8]) {
+    let n = a.len();
+    let (b, out) = (&b[..n], &mut out[..n]);
+    for i in 0..n {
+        out[i] = u8::from(a[i].abs_diff(b[i]) >= threshold);
+    }
+}
+
+/// Running average outside objects (`MATHS.md` §7.3) with a noise estimate beside it: where `exclude` is 0,
+/// b += ((c<<8) − b + (1<<(k−1))) >> k and noise += (|c − b| − noise) >> `k_noise`.
+pub fn learn(current: &[u8], exclude: &[u8], k: u32, k_noise: u32, background: &mut [u16], noise: &mut [u16]) {
+    let n = current.len();
+    let (exclude, background, noise) = (&exclude[..n], &mut background[..n], &mut noise[..n]);
+    let half = 1i32 << (k - 1);
+    let half_noise = 1i32 << (k_noise - 1);
+    for i in 0..n {
+        let difference = (i32::from(current[i]) << 8) - i32::from(background[i]);
+        let keep = i32::from(exclude[i] != 0) - 1; // all ones where the pixel may be learnt
+        let step = ((difference + half) >> k) & keep;
+        background[i] = (i32::from(background[i]) + step) as u16;
+        let deviation = difference.abs().min(4 * i32::from(NOISE_MAX));
+        let step = ((deviation - i32::from(noise[i]) + half_noise) >> k_noise) & keep;
+        noise[i] = (i32::from(noise[i]) + step).min(i32::from(NOISE_MAX)) as u16;
+    }
+}
+
+/// One row of sums down the columns: `sums += enter − leave`.
+pub fn slide_column_sums(enter: &[u8], leave: &[u8], sums: &mut [u8]) {
+    let n = sums.len();
+    let (enter, leave) = (&enter[..n], &leave[..n]);
+    for i in 0..n {
+        sums[i] = sums[i].wrapping_add(enter[i]).wrapping_sub(leave[i]);
+    }
+}
+
+/// `out[i]` = 1 where the sum of `padded[i ..= i + 2·reach]` is at least `need[i]`; `padded` has `2·reach` more elements.
+pub fn threshold_row_sums(padded: &[u8], reach: usize, need: &[u8], out: &mut [u8]) {
+    let n = out.len();
+    let need = &need[..n];
+    match reach {
+        2 => {
+            let p = &padded[..n + 4];
+            for i in 0..n {
+                let sum = p[i] + p[i + 1] + p[i + 2] + p[i + 3] + p[i + 4];
+                out[i] = u8::from(sum >= need[i]);
+            }
+        }
+        _ => {
+            for i in 0..n {
+                let sum: u8 = padded[i..=i + 2 * reach].iter().sum();
+                out[i] = u8::from(sum >= need[i]);
+            }
+        }
+    }
+}
+
+/// Number of ones.
+pub fn count_ones(marks: &[u8]) -> usize {
+    marks.chunks(255).map(|c| usize::from(c.iter().fold(0u8, |a, &m| a + m))).sum()
+}
+
+/// Exact medians of columns of a stack (`MATHS.md` §7.2): `frames[f][i]` over f; even counts give (lower + upper + 1) >> 1.
+/// Batcher's sorting network on blocks of 64 pixels: minima and maxima of whole vectors, no branch on data.
+pub fn median(frames: &[&[u8]], out: &mut [u8]) {
+    const BLOCK: usize = 64;
+    let n = frames.len();
+    if n == 0 {
+        return;
+    }
+    let mut block = vec![[0u8; BLOCK]; n];
+    for (b, out) in out.chunks_mut(BLOCK).enumerate() {
+        for (row, frame) in block.iter_mut().zip(frames) {
+            row[..out.len()].copy_from_slice(&frame[b * BLOCK..b * BLOCK + out.len()]);
+        }
+        sort_rows(&mut block);
+        if n % 2 == 1 {
+            out.copy_from_slice(&block[n / 2][..out.len()]);
+        } else {
+            let (lower, upper) = (&block[n / 2 - 1], &block[n / 2]);
+            for (i, o) in out.iter_mut().enumerate() {
+                *o = ((u16::from(lower[i]) + u16::from(upper[i]) + 1) >> 1) as u8;
+            }
+        }
+    }
+}
+
+/// Batcher's odd–even merge sort for any number of rows (Knuth, TAOCP 3, algorithm 5.2.2M).
+fn sort_rows<const B: usize>(rows: &mut [[u8; B]]) {
+    let n = rows.len();
+    if n < 2 {
+        return;
+    }
+    let top = n.next_power_of_two() / 2;
+    let mut p = top;
+    while p > 0 {
+        let (mut q, mut r, mut d) = (top, 0, p);
+        loop {
+            for i in 0..n - d {
+                if i & p == r {
+                    let (head, tail) = rows.split_at_mut(i + d);
+                    let (low, high) = (&mut head[i], &mut tail[0]);
+                    for k in 0..B {
+                        let (a, b) = (low[k], high[k]);
+                        low[k] = a.min(b);
+                        high[k] = a.max(b);
+                    }
+                }
+            }
+            if q == p {
+                break;
+            }
+            d = q - p;
+            q /= 2;
+            r = p;
+        }
+        p /= 2;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use rand::{Rng, SeedableRng};
+
+    use super::*;
+
+    #[test]
+    fn the_network_median_equals_the_sorted_median_for_every_count() {
+        let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(1);
+        for n in 1..40usize {
+            let frames: Vec<Vec<u8>> = (0..n).map(|_| (0..150).map(|_| (rng.next_u32() >> 24) as u8).collect()).collect();
+            let mut out = vec![0; 150];
+            median(&frames.iter().map(Vec::as_slice).collect::<Vec<_>>(), &mut out);
+            for i in 0..150 {
+                let mut column: Vec<u16> = frames.iter().map(|f| u16::from(f[i])).collect();
+                column.sort_unstable();
+                let want = if n % 2 == 1 { column[n / 2] } else { (column[n / 2 - 1] + column[n / 2] + 1) >> 1 };
+                assert_eq!(u16::from(out[i]), want, "{n} frames");
+            }
+        }
+    }
+}

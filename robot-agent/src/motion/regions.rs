@@ -1,0 +1,309 @@
+//! Connected regions of a mask on a ring.
+//!
+//! Two pixels belong together when their squares of (2g_x+1) × (2g_y+1) touch (8-connected): the report's dilation and
+//! labelling in one (`MATHS.md` §7.5). Touching squares are the same as |Δx| ≤ 2g_x+1 and |Δy| ≤ 2g_y+1, so it is enough to
+//! join *runs* of the mask's rows that are that close: no dilated picture, and work by the number of runs, not of pixels.
+//! The box is the minimal covering arc: the complement of the longest stretch of empty columns. Golden group `grouping`.
+
+use super::raster::{Arc, Raster};
+
+/// Most runs looked at in one mask; later ones (lower in the picture) are left out.
+pub const MAX_RUNS: usize = 1 << 16;
+
+/// A connected region.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Region {
+    /// Number of its pixels in the mask.
+    pub area: usize,
+    /// Minimal covering arc of its columns.
+    pub arc: Arc,
+    /// First and last row.
+    pub rows: [usize; 2],
+    /// Mean column (unrolled from `arc.start`, so it may exceed the width on a ring) and mean row.
+    pub centroid: [f64; 2],
+    /// Its runs in the order of rows.
+    pub(crate) runs: Vec<Run>,
+}
+
+impl Region {
+    /// The pieces of rows it consists of: (row, first column, number of columns), in the order of rows.
+    pub fn spans(&self) -> impl Iterator<Item = (usize, usize, usize)> + '_ {
+        self.runs.iter().map(|r| (r.row as usize, r.start as usize, r.len as usize))
+    }
+
+    /// Number of rows it spans.
+    pub fn height(&self) -> usize {
+        self.rows[1] - self.rows[0] + 1
+    }
+
+    /// A region from the runs of several; in the order of rows.
+    pub fn joined(parts: &[&Self], raster: &Raster) -> Self {
+        let mut runs: Vec<Run> = parts.iter().flat_map(|p| p.runs.iter().copied()).collect();
+        runs.sort_unstable_by_key(|r| (r.row, r.start));
+        Self::from_runs(runs, raster, &mut Vec::new())
+    }
+
+    fn from_runs(runs: Vec<Run>, raster: &Raster, columns: &mut Vec<u8>) -> Self {
+        columns.clear();
+        columns.resize(raster.width, 0);
+        let (mut area, mut sum_y) = (0usize, 0usize);
+        for r in &runs {
+            columns[r.start as usize..(r.start + r.len) as usize].fill(1);
+            area += r.len as usize;
+            sum_y += r.len as usize * r.row as usize;
+        }
+        let arc = covering_arc(columns, raster);
+        let mut sum_x = 0.0;
+        for r in &runs {
+            let offset = (r.start as usize + raster.width - arc.start) % raster.width;
+            sum_x += f64::from(r.len) * (offset as f64 + (f64::from(r.len) - 1.0) / 2.0);
+        }
+        let rows = [runs.first().map_or(0, |r| r.row as usize), runs.last().map_or(0, |r| r.row as usize)];
+        let n = area.max(1) as f64;
+        Self { area, arc, rows, centroid: [arc.start as f64 + sum_x / n, sum_y as f64 / n], runs }
+    }
+}
+
+/// Consecutive marked pixels of one row; never crosses the seam.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct Run {
+    pub(crate) row: u32,
+    pub(crate) start: u32,
+    pub(crate) len: u32,
+}
+
+/// The regions of a mask (0 or 1 a pixel) with at least `min_area` pixels, in the order of their first pixel.
+/// `gap` is (g_x, g_y): half the distance that is bridged.
+pub fn group(mask: &[u8], raster: &Raster, gap: [usize; 2], min_area: usize) -> Vec<Region> {
+    let (runs, row_starts) = find_runs(mask, raster);
+    let mut parent: Vec<u32> = (0..runs.len() as u32).collect();
+    join_near_runs(&runs, &row_starts, raster, gap, &mut parent);
+
+    let mut index_of_root = vec![u32::MAX; runs.len()];
+    let mut members: Vec<Vec<Run>> = Vec::new();
+    for (i, run) in runs.iter().enumerate() {
+        let root = find(&mut parent, i as u32) as usize;
+        if index_of_root[root] == u32::MAX {
+            index_of_root[root] = members.len() as u32;
+            members.push(Vec::new());
+        }
+        members[index_of_root[root] as usize].push(*run);
+    }
+    let mut columns = Vec::new();
+    members
+        .into_iter()
+        .filter(|runs| runs.iter().map(|r| r.len as usize).sum::<usize>() >= min_area)
+        .map(|runs| Region::from_runs(runs, raster, &mut columns))
+        .collect()
+}
+
+fn find_runs(mask: &[u8], raster: &Raster) -> (Vec<Run>, Vec<usize>) {
+    let mut runs = Vec::new();
+    let mut row_starts = Vec::with_capacity(raster.height + 1);
+    for (y, row) in mask.chunks_exact(raster.width).enumerate() {
+        row_starts.push(runs.len());
+        let mut x = 0;
+        while x < row.len() && runs.len() < MAX_RUNS {
+            // Most of a mask is empty: step over it eight pixels at a time.
+            if x + 8 <= row.len() && row[x..x + 8] == [0u8; 8] {
+                x += 8;
+                continue;
+            }
+            if row[x] == 0 {
+                x += 1;
+                continue;
+            }
+            let len = row[x..].iter().position(|&m| m == 0).unwrap_or(row.len() - x);
+            runs.push(Run { row: y as u32, start: x as u32, len: len as u32 });
+            x += len;
+        }
+    }
+    row_starts.push(runs.len());
+    (runs, row_starts)
+}
+
+fn join_near_runs(runs: &[Run], row_starts: &[usize], raster: &Raster, gap: [usize; 2], parent: &mut [u32]) {
+    let reach_x = 2 * gap[0] as i64 + 1;
+    let reach_y = 2 * gap[1] + 1;
+    let w = raster.width as i64;
+    let near = |a: &Run, b: &Run| {
+        let (a0, a1) = (i64::from(a.start), i64::from(a.start + a.len - 1));
+        let (b0, b1) = (i64::from(b.start), i64::from(b.start + b.len - 1));
+        let plain = |shift: i64| b0 + shift - a1 <= reach_x && a0 - (b1 + shift) <= reach_x;
+        plain(0) || (raster.wraps && (plain(w) || plain(-w)))
+    };
+    for y in 0..raster.height {
+        let here = &row_starts[y]..&row_starts[y + 1];
+        for i in *here.start..*here.end {
+            // In one row the nearest run on the left decides, and over the seam the first and the last.
+            if i > *here.start && near(&runs[i - 1], &runs[i]) {
+                join(parent, i as u32, i as u32 - 1);
+            }
+            if raster.wraps && i + 1 == *here.end && near(&runs[*here.start], &runs[i]) {
+                join(parent, i as u32, *here.start as u32);
+            }
+        }
+        for dy in 1..=reach_y.min(y) {
+            let above = row_starts[y - dy]..row_starts[y - dy + 1];
+            if above.is_empty() || here.is_empty() {
+                continue;
+            }
+            let mut first = above.start;
+            for i in *here.start..*here.end {
+                // Runs are sorted: skip those that end too far left of this one.
+                while first < above.end
+                    && i64::from(runs[first].start + runs[first].len - 1) + reach_x < i64::from(runs[i].start)
+                {
+                    first += 1;
+                }
+                let mut j = first;
+                while j < above.end && i64::from(runs[j].start) <= i64::from(runs[i].start + runs[i].len - 1) + reach_x {
+                    join(parent, i as u32, j as u32);
+                    j += 1;
+                }
+                if raster.wraps {
+                    for j in [above.start, above.end - 1] {
+                        if near(&runs[j], &runs[i]) {
+                            join(parent, i as u32, j as u32);
+                        }
+                    }
+                }
+            }
+        }
+    }
+}
+
+fn find(parent: &mut [u32], mut i: u32) -> u32 {
+    while parent[i as usize] != i {
+        parent[i as usize] = parent[parent[i as usize] as usize];
+        i = parent[i as usize];
+    }
+    i
+}
+
+fn join(parent: &mut [u32], a: u32, b: u32) {
+    let (a, b) = (find(parent, a), find(parent, b));
+    // The smaller index stays root, so labels keep the order of first pixels.
+    if a < b {
+        parent[b as usize] = a;
+    } else {
+        parent[a as usize] = b;
+    }
+}
+
+/// The complement of the longest stretch of empty columns (the first of equals).
+fn covering_arc(columns: &[u8], raster: &Raster) -> Arc {
+    let w = raster.width;
+    let Some(first) = columns.iter().position(|&c| c != 0) else {
+        return Arc { start: 0, width: 1 };
+    };
+    let last = columns.iter().rposition(|&c| c != 0).unwrap_or(first);
+    if !raster.wraps {
+        return Arc { start: first, width: last - first + 1 };
+    }
+    // The empty stretch over the seam, then those between.
+    let (mut best, mut best_end) = (first + w - 1 - last, first);
+    let mut x = first;
+    while x <= last {
+        if columns[x] != 0 {
+            x += 1;
+            continue;
+        }
+        let end = x + columns[x..].iter().position(|&c| c != 0).unwrap_or(w - x);
+        if end - x > best {
+            (best, best_end) = (end - x, end);
+        }
+        x = end;
+    }
+    Arc { start: best_end % w, width: w - best }
+}
+
+#[cfg(test)]
+mod tests {
+    use rand::{Rng, SeedableRng};
+
+    use super::*;
+    use crate::motion::golden;
+
+    fn golden_mask() -> (Vec<u8>, Raster) {
+        let golden = golden("grouping");
+        let rows = golden["inputs"]["mask"].as_array().unwrap();
+        let mask: Vec<u8> =
+            rows.iter().flat_map(|r| r.as_str().unwrap().bytes().map(|b| u8::from(b == b'#'))).collect();
+        (mask, Raster { width: 24, height: rows.len(), wraps: true })
+    }
+
+    fn labels(regions: &[Region], raster: &Raster) -> Vec<u64> {
+        let mut out = vec![0; raster.len()];
+        for (i, r) in regions.iter().enumerate() {
+            for (row, start, len) in r.spans() {
+                out[row * raster.width + start..][..len].fill(i as u64 + 1);
+            }
+        }
+        out
+    }
+
+    #[test]
+    fn grouping_over_the_seam_equals_the_golden_labels() {
+        let (mask, raster) = golden_mask();
+        let golden = golden("grouping");
+        for (gap, key) in [(0, "labels_gap0"), (1, "labels_gap1")] {
+            let regions = group(&mask, &raster, [gap, gap], 1);
+            let want: Vec<u64> = golden["outputs"][key]
+                .as_array()
+                .unwrap()
+                .iter()
+                .flat_map(|r| r.as_array().unwrap().iter().map(|v| v.as_u64().unwrap()))
+                .collect();
+            assert_eq!(labels(&regions, &raster), want, "{key}");
+        }
+    }
+
+    #[test]
+    fn boxes_are_minimal_arcs_and_centroids_unroll_from_their_start() {
+        let (mask, raster) = golden_mask();
+        let regions = group(&mask, &raster, [1, 1], 1);
+        let golden = golden("grouping");
+        for (region, want) in regions.iter().zip(golden["outputs"]["regions_gap1"].as_array().unwrap()) {
+            let pair = |k: &str| [want[k][0].as_f64().unwrap(), want[k][1].as_f64().unwrap()];
+            assert_eq!(region.area as u64, want["area"].as_u64().unwrap());
+            assert_eq!([region.arc.start as f64, region.arc.width as f64], pair("arc"));
+            assert_eq!(region.rows.map(|r| r as f64), pair("rows"));
+            for (a, b) in region.centroid.iter().zip(pair("centroid")) {
+                assert!((a - b).abs() < 1e-9, "{a} {b}");
+            }
+        }
+    }
+
+    #[test]
+    fn turning_the_picture_turns_the_regions() {
+        let raster = Raster { width: 60, height: 20, wraps: true };
+        let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(3);
+        for _ in 0..200 {
+            let mask: Vec<u8> = (0..raster.len()).map(|_| u8::from(rng.next_u32() % 16 == 0)).collect();
+            let shift = rng.next_u32() as usize % raster.width;
+            let mut turned = vec![0; raster.len()];
+            for y in 0..raster.height {
+                for x in 0..raster.width {
+                    turned[y * raster.width + (x + shift) % raster.width] = mask[y * raster.width + x];
+                }
+            }
+            let mut a: Vec<_> = group(&mask, &raster, [1, 1], 1)
+                .iter()
+                .map(|r| (r.area, (r.arc.start + shift) % raster.width, r.arc.width, r.rows))
+                .collect();
+            let mut b: Vec<_> = group(&turned, &raster, [1, 1], 1)
+                .iter()
+                .map(|r| (r.area, r.arc.start, r.arc.width, r.rows))
+                .collect();
+            a.sort_unstable();
+            b.sort_unstable();
+            // Arcs with two longest gaps may start at either.
+            let key = |v: &[(usize, usize, usize, [usize; 2])]| v.iter().map(|r| (r.0, r.2, r.3)).collect::<Vec<_>>();
+            let (mut ka, mut kb) = (key(&a), key(&b));
+            ka.sort_unstable();
+            kb.sort_unstable();
+            assert_eq!(ka, kb);
+        }
+    }
+}
