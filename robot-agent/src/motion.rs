@@ -15,8 +15,10 @@
 mod background;
 mod bodies;
 mod filter;
+mod gain;
 mod gate;
 mod ghost;
+mod halo;
 pub mod kernel;
 mod own_motion;
 mod raster;
@@ -25,12 +27,13 @@ mod regions;
 use protocol::message::{AlarmKind, Motion};
 use protocol::time::Timestamp;
 
-pub use background::{Background, BackgroundMode};
+pub use background::{Background, BackgroundMode, LearningRate};
 pub use gate::{region_moves, scene_changed};
 pub use raster::{Arc, Raster};
 pub use regions::{MAX_RUNS, Region, group};
 
 use filter::Majority;
+use halo::Halo;
 use own_motion::OwnMotion;
 
 /// Most objects of one frame; the smallest are left out.
@@ -64,10 +67,13 @@ pub enum MotionError {
 pub struct MotionSettings {
     /// How the background comes about.
     pub background: BackgroundMode,
-    /// The running average takes 1/2^k of each frame (k 1 … 8; 4 is the report's 1/16).
+    /// The running average takes 1/2^k of each frame at 10 Hz (k 1 … 8; 4 is the report's 1/16), and is as fast in
+    /// time at other rates.
     pub rate_shift: u32,
     /// Least change that marks faintly and strongly, grey levels, however quiet the camera.
     pub floor_levels: [f64; 2],
+    /// A change below this share of the strongest one beside it (within 8 to 16 pixels) is its halo.
+    pub halo_share: f64,
     /// Half size of the majority window (columns, rows).
     pub window_reach: [usize; 2],
     /// Half the distance (columns, rows) that joins pixels to one region.
@@ -86,6 +92,7 @@ impl Default for MotionSettings {
             background: BackgroundMode::Live { bootstrap_s: 0.8 },
             rate_shift: 4,
             floor_levels: [2.0, 6.0],
+            halo_share: 0.12,
             window_reach: [2, 3],
             gap: [1, 2],
             min_area_px: 30,
@@ -176,14 +183,26 @@ pub struct MotionStage {
     picture: Vec<u8>,
     previous: Vec<u8>,
     anchor: Vec<u8>,
+    halo: Halo,
+    magnitude: Vec<u8>,
     faint: Vec<u8>,
     strong: Vec<u8>,
     changed: Vec<u8>,
     mask: Vec<u8>,
-    exclude: Vec<u8>,
+    how: Vec<u8>,
+    /// When something last moved at a pixel, tenths of a second since `first_capture`.
+    moved_ds: Vec<u32>,
+    first_capture: Option<Timestamp>,
+    capture: Timestamp,
+    previous_capture: Timestamp,
+    /// Typical time between frames.
+    spacing_s: f64,
     objects: Vec<Object>,
     ghosts: Vec<(Patch, u32)>,
     noise_sigma: f64,
+    /// Picture / background, the light's common factor.
+    gain: f64,
+    ratios: Vec<f32>,
     sensor_failed: bool,
 }
 
@@ -216,14 +235,23 @@ impl MotionStage {
             picture: vec![0; n],
             previous: Vec::new(),
             anchor: Vec::new(),
+            halo: Halo::new(raster),
+            magnitude: vec![0; n],
             faint: vec![0; n],
             strong: vec![0; n],
             changed: vec![0; n],
             mask: vec![0; n],
-            exclude: vec![0; n],
+            how: vec![0; n],
+            moved_ds: vec![0; n],
+            first_capture: None,
+            capture: Timestamp(0),
+            previous_capture: Timestamp(0),
+            spacing_s: 0.1,
             objects: Vec::new(),
             ghosts: Vec::new(),
             noise_sigma: 2.0,
+            gain: 1.0,
+            ratios: Vec::new(),
             sensor_failed: false,
             settings,
         })
@@ -249,10 +277,8 @@ impl MotionStage {
             return Ok(Change { motion: self.motion, background: self.state, alarm });
         }
         self.sensor_failed = false;
-        std::mem::swap(&mut self.previous, &mut self.picture);
-        self.previous.truncate(self.raster.len());
-        self.picture.clear();
-        self.picture.extend_from_slice(picture);
+        self.remember_previous(capture);
+        self.picture.copy_from_slice(picture);
 
         let before = self.motion;
         let mut relit = false;
@@ -277,7 +303,7 @@ impl MotionStage {
             alarm = self.build(capture);
         } else {
             self.mark();
-            if gate::scene_changed(self.valid_count, kernel::count_ones(&self.strong)) {
+            if scene_changed(self.valid_count, kernel::count_ones(&self.strong)) {
                 alarm = Some(if relit { AlarmKind::LightSwitched } else { AlarmKind::SceneChanged });
                 self.begin();
                 let _ = self.build(capture);
@@ -293,20 +319,22 @@ impl MotionStage {
             self.mask.fill(0);
             return;
         }
+        let share_q8 = (self.settings.halo_share * 256.0).clamp(0.0, 255.0) as u8;
+        self.halo.trim(&self.magnitude, share_q8, &mut self.faint);
         self.majority.apply(&self.faint, &mut self.mask);
-        let fragments = regions::group(&self.mask, &self.raster, self.settings.gap, self.settings.min_area_px / 4 + 1);
+        let fragments = group(&self.mask, &self.raster, self.settings.gap, self.settings.min_area_px / 4 + 1);
         let mut regions = bodies::join_fragments(fragments, &self.raster, self.settings.max_gap_share);
         regions.retain(|r| {
             // A real body is clearly different somewhere.
             let strong = count_in(r, &self.strong, self.raster.width);
-            r.area >= self.settings.min_area_px && strong >= (r.area / 100).max(4)
+            r.area >= self.settings.min_area_px && strong >= (r.area / 12).max(4)
         });
         if regions.len() > MAX_OBJECTS {
             regions.sort_by_key(|r| std::cmp::Reverse(r.area));
             regions.truncate(MAX_OBJECTS);
         }
         for region in regions {
-            let moves = gate::region_moves(region.area, count_in(&region, &self.changed, self.raster.width));
+            let moves = region_moves(region.area, count_in(&region, &self.changed, self.raster.width));
             let steps = ghost::outline_steps(&region, &self.picture, &self.background.level, &self.raster);
             self.objects.push(Object { moves, ghost: steps.is_ghost(), region });
         }
@@ -316,7 +344,13 @@ impl MotionStage {
 
     /// What the tracker sees.
     pub fn scene(&self) -> Scene<'_> {
-        Scene { raster: &self.raster, picture: &self.picture, mask: &self.mask, valid: &self.valid, objects: &self.objects }
+        Scene {
+            raster: &self.raster,
+            picture: &self.picture,
+            mask: &self.mask,
+            valid: &self.valid,
+            objects: &self.objects,
+        }
     }
 
     /// Let the background follow, outside this frame's moving objects and `holds.keep`.
@@ -324,17 +358,35 @@ impl MotionStage {
         if self.state != BackgroundState::Ready {
             return;
         }
-        self.exclude.fill(0);
-        for object in self.objects.iter().filter(|o| o.moves) {
-            fill(&mut self.exclude, &Patch { arc: object.region.arc, rows: object.region.rows }, MARGIN, 1, &self.raster);
+        self.how.fill(kernel::LEARN);
+        let now_ds = self.decisecond();
+        for object in &self.objects {
+            let patch = Patch { arc: object.region.arc, rows: object.region.rows };
+            if object.moves {
+                fill(&mut self.how, &patch, MARGIN, kernel::LEARN_SLOWLY, &self.raster);
+                fill(&mut self.moved_ds, &patch, MARGIN, now_ds, &self.raster);
+            } else {
+                // Slowly at first: what has just stopped may go on.
+                for (row, start, len) in object.region.spans() {
+                    let i = row * self.raster.width + start;
+                    for (how, moved) in self.how[i..i + len].iter_mut().zip(&self.moved_ds[i..i + len]) {
+                        if now_ds.saturating_sub(*moved) < STILL_DS {
+                            *how = kernel::LEARN_SLOWLY;
+                        }
+                    }
+                }
+            }
         }
         for patch in &holds.keep {
-            fill(&mut self.exclude, patch, MARGIN, 1, &self.raster);
+            fill(&mut self.how, patch, MARGIN, kernel::KEEP, &self.raster);
         }
         for patch in &holds.release {
-            fill(&mut self.exclude, patch, MARGIN, 0, &self.raster);
+            fill(&mut self.how, patch, MARGIN, kernel::LEARN, &self.raster);
         }
-        self.background.learn(&self.picture, &self.exclude, self.settings.rate_shift);
+        let rate = LearningRate::for_spacing(self.settings.rate_shift, self.spacing_s);
+        // Nearly all of the gain is the exposure's; the rest lets the background follow a light that stays.
+        let exposure_q15 = gain::inverse_q15(1.0 + 0.95 * (self.gain - 1.0));
+        self.background.learn(&self.picture, exposure_q15, &self.how, rate);
         round_levels(&self.background.level, &mut self.anchor);
     }
 
@@ -365,6 +417,30 @@ impl MotionStage {
         self.noise_sigma
     }
 
+    /// Keeps the frame that (6-1) compares with: at least `GATE_SPACING_S` old, so that a fast camera sees slow things move.
+    fn remember_previous(&mut self, capture: Timestamp) {
+        let spacing_s = capture.seconds_since(self.capture);
+        if self.first_capture.is_none() {
+            self.first_capture = Some(capture);
+        } else {
+            if spacing_s > 0.0 && spacing_s < 10.0 {
+                self.spacing_s += 0.1 * (spacing_s - self.spacing_s);
+            }
+            let old_enough = capture.seconds_since(self.previous_capture) >= GATE_SPACING_S + 0.5 * self.spacing_s;
+            if self.previous.is_empty() || old_enough || spacing_s < 0.0 {
+                self.previous.clear();
+                self.previous.extend_from_slice(&self.picture);
+                self.previous_capture = self.capture;
+            }
+        }
+        self.capture = capture;
+    }
+
+    fn decisecond(&self) -> u32 {
+        let first = self.first_capture.unwrap_or(self.capture);
+        (self.capture.seconds_since(first) * 10.0).max(0.0) as u32
+    }
+
     fn suspend(&mut self) {
         self.state = BackgroundState::Suspended;
         self.background.restart();
@@ -392,13 +468,16 @@ impl MotionStage {
 
     fn mark(&mut self) {
         let [faint, strong] = self.settings.floor_levels.map(|f| (f * 256.0) as u16);
+        self.gain = gain::common_gain(&self.picture, &self.background.level, &self.valid, &mut self.ratios);
         kernel::mark_changes(
             &self.picture,
+            gain::inverse_q15(self.gain),
             &self.background.level,
             &self.background.noise,
             &self.valid,
             faint,
             strong,
+            &mut self.magnitude,
             &mut self.faint,
             &mut self.strong,
         );
@@ -459,6 +538,10 @@ impl MotionStage {
 
 /// Pixels round an object that are not learnt: its blurred outline and its next step.
 const MARGIN: usize = 3;
+/// Least age of the frame for the change gate.
+const GATE_SPACING_S: f64 = 0.1;
+/// A still region that nobody follows is learnt after so many tenths of a second.
+const STILL_DS: u32 = 10;
 /// Frames in which a region must look like a ghost before it is one.
 const GHOST_FRAMES: u32 = 2;
 
@@ -466,7 +549,7 @@ fn count_in(region: &Region, marks: &[u8], width: usize) -> usize {
     region.spans().map(|(row, start, len)| kernel::count_ones(&marks[row * width + start..][..len])).sum()
 }
 
-fn fill(marks: &mut [u8], patch: &Patch, margin: usize, value: u8, raster: &Raster) {
+fn fill<T: Copy>(marks: &mut [T], patch: &Patch, margin: usize, value: T, raster: &Raster) {
     let arc = patch.arc.grown(margin, raster);
     let first = arc.width.min(raster.width - arc.start);
     for row in patch.rows[0].saturating_sub(margin)..(patch.rows[1] + margin + 1).min(raster.height) {
@@ -508,6 +591,9 @@ fn sensor_failure(picture: &[u8], valid: &[u8]) -> Option<&'static str> {
         None
     }
 }
+
+#[cfg(test)]
+mod reality;
 
 /// A group of the golden numbers.
 #[cfg(test)]

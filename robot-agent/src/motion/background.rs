@@ -92,7 +92,9 @@ impl Background {
         let elapsed_s = capture.seconds_since(self.first_capture);
         let (take, enough) = match self.mode {
             BackgroundMode::Instantaneous => (true, 1),
-            BackgroundMode::Permanent { frames, every } => ((self.seen - 1).is_multiple_of(every.max(1)), frames.clamp(2, 255)),
+            BackgroundMode::Permanent { frames, every } => {
+                ((self.seen - 1).is_multiple_of(every.max(1)), frames.clamp(2, 255))
+            }
             BackgroundMode::Live { bootstrap_s } => {
                 // Evenly over the time, whatever the frame rate; a slow camera makes do with two.
                 let spacing_s = bootstrap_s / (LIVE_FRAMES - 1) as f64;
@@ -137,10 +139,11 @@ impl Background {
         self.ready = true;
     }
 
-    /// The running average outside objects; nothing in permanent mode. `exclude` is not 0 on objects.
-    pub fn learn(&mut self, picture: &[u8], exclude: &[u8], rate_shift: u32) {
+    /// The running average outside objects; nothing in permanent mode. `how`: see [`kernel::learn`].
+    pub fn learn(&mut self, picture: &[u8], exposure_q15: u16, how: &[u8], rate: LearningRate) {
         if self.ready && !matches!(self.mode, BackgroundMode::Permanent { .. }) {
-            kernel::learn(picture, exclude, rate_shift, NOISE_SHIFT, &mut self.level, &mut self.noise);
+            let LearningRate { shift, small_step } = rate;
+            kernel::learn(picture, exposure_q15, how, shift, shift + 1, small_step, &mut self.level, &mut self.noise);
         }
     }
 
@@ -152,8 +155,23 @@ impl Background {
     }
 }
 
-/// The noise follows over 2⁵ frames.
-const NOISE_SHIFT: u32 = 5;
+/// How fast a background follows, a frame.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct LearningRate {
+    /// Of the level: 1/2^shift; the noise takes half of that.
+    pub shift: u32,
+    /// Largest step under unknown moving things, 1/256 grey levels.
+    pub small_step: u8,
+}
+
+impl LearningRate {
+    /// The same speed in time at any frame rate: `shift_at_10_hz` for frames 0.1 s apart.
+    pub fn for_spacing(shift_at_10_hz: u32, spacing_s: f64) -> Self {
+        let halvings = (0.1 / spacing_s.clamp(0.005, 10.0)).log2().round() as i32;
+        let shift = (shift_at_10_hz as i32 + halvings).clamp(1, 8) as u32;
+        Self { shift, small_step: (120.0 * spacing_s).round().clamp(1.0, 64.0) as u8 }
+    }
+}
 
 /// Mean absolute deviation over the quieter 80 % of the pixels, made up for those left out being the louder ones.
 fn mean_of_typical_pixels(deviations: &[Vec<u8>]) -> f32 {
@@ -206,15 +224,15 @@ mod tests {
         let mut background = Background::new(BackgroundMode::Instantaneous, 2);
         background.collect(&[100, 100], at(0.0));
         for want in golden["outputs"].as_array().unwrap() {
-            background.learn(&[140, 140], &[0, 1], 4);
+            background.learn(&[140, 140], 32768, &[kernel::LEARN, kernel::KEEP], LearningRate::for_spacing(4, 0.1));
             assert_eq!(u64::from(background.level[0]), want.as_u64().unwrap());
             assert_eq!(background.level[1], 25600, "object pixels are not learnt");
         }
     }
 
     #[test]
-    fn a_live_background_is_there_within_a_second_at_any_frame_rate() {
-        for rate_hz in [1.5, 5.0, 10.0, 25.0, 100.0] {
+    fn a_live_background_is_there_within_a_second_from_two_frames_a_second_on() {
+        for rate_hz in [2.0, 5.0, 10.0, 25.0, 100.0] {
             let mut background = Background::new(BackgroundMode::Live { bootstrap_s: 0.8 }, 4);
             let mut i = 0;
             while !background.collect(&[9; 4], at(f64::from(i) / rate_hz)) {

@@ -21,7 +21,13 @@ pub(crate) fn outline_steps(region: &Region, picture: &[u8], background: &[u16],
     let w = raster.width;
     let (mut in_picture, mut in_background, mut n) = (0u32, 0u32, 0u32);
     let mut add = |row: usize, outside: isize, inside: isize| {
-        let column = |c: isize| if raster.wraps { Some(c.rem_euclid(w as isize) as usize) } else { usize::try_from(c).ok().filter(|&c| c < w) };
+        let column = |c: isize| {
+            if raster.wraps {
+                Some(c.rem_euclid(w as isize) as usize)
+            } else {
+                usize::try_from(c).ok().filter(|&c| c < w)
+            }
+        };
         if let (Some(o), Some(i)) = (column(outside), column(inside)) {
             let (o, i) = (row * w + o, row * w + i);
             in_picture += u32::from(picture[o].abs_diff(picture[i]));

@@ -5,25 +5,28 @@
 pub const NOISE_MAX: u16 = 1700;
 
 /// Marks pixels that differ from the background: `faint` where |C − B| ≥ max(`floor_faint`, 1.6 σ), `strong` where
-/// |C − B| ≥ max(`floor_strong`, 4 σ) (`MATHS.md` §7.4). Background, noise (mean absolute deviation, σ = 1.25 noise) and
-/// floors are 8.8 fixed point; 1 marks, 0 does not; pixels with `valid` 0 are never marked (`valid` is 0 or 1).
+/// |C − B| ≥ max(`floor_strong`, 4 σ) (`MATHS.md` §7.4), C brought to the background's exposure by `exposure_q15` / 32768. Background, noise (mean absolute deviation, σ = 1.25 noise) and
+/// floors are 8.8 fixed point; `magnitude` is |C − B| in whole grey levels; 1 marks, 0 does not; pixels with `valid` 0 are never marked (`valid` is 0 or 1).
 #[allow(clippy::too_many_arguments)]
 pub fn mark_changes(
     current: &[u8],
+    exposure_q15: u16,
     background: &[u16],
     noise: &[u16],
     valid: &[u8],
     floor_faint: u16,
     floor_strong: u16,
+    magnitude: &mut [u8],
     faint: &mut [u8],
     strong: &mut [u8],
 ) {
     let n = current.len();
     let (background, noise, valid) = (&background[..n], &noise[..n], &valid[..n]);
-    let (faint, strong) = (&mut faint[..n], &mut strong[..n]);
+    let (magnitude, faint, strong) = (&mut magnitude[..n], &mut faint[..n], &mut strong[..n]);
     for i in 0..n {
-        let difference = (u16::from(current[i]) << 8).abs_diff(background[i]);
+        let difference = expose(current[i], exposure_q15).abs_diff(background[i]);
         let deviation = noise[i];
+        magnitude[i] = (difference >> 8) as u8;
         faint[i] = u8::from(difference >= (deviation * 2).max(floor_faint)) & valid[i];
         strong[i] = u8::from(difference >= (deviation * 5).max(floor_strong)) & valid[i];
     }
@@ -38,21 +41,64 @@ pub fn mark_difference(a: &[u8], b: &[u8], threshold: u8, out: &mut [u8]) {
     }
 }
 
-/// Running average outside objects (`MATHS.md` §7.3) with a noise estimate beside it: where `exclude` is 0,
+/// A grey level in 8.8 fixed point times a factor (32768 is 1), saturating. Exact for a factor of 1.
+#[inline(always)]
+fn expose(level: u8, exposure_q15: u16) -> u16 {
+    let half = (u32::from(level) << 8) * u32::from(exposure_q15) >> 16;
+    (half.min(32767) as u16) << 1
+}
+
+/// Learnt fully: nothing is there.
+pub const LEARN: u8 = 0;
+/// Something moves there that nobody follows: level and noise move by small steps. So leaves that never stand still
+/// become noise, a drifting light is followed, and somebody who walks past leaves next to nothing.
+pub const LEARN_SLOWLY: u8 = 1;
+/// Somebody is there: nothing is learnt.
+pub const KEEP: u8 = 2;
+
+/// Running average outside objects (`MATHS.md` §7.3) with a noise estimate beside it: where `how` is [`LEARN`],
 /// b += ((c<<8) − b + (1<<(k−1))) >> k and noise += (|c − b| − noise) >> `k_noise`.
-pub fn learn(current: &[u8], exclude: &[u8], k: u32, k_noise: u32, background: &mut [u16], noise: &mut [u16]) {
+/// Where `how` is [`LEARN_SLOWLY`], both move by at most `small_step`.
+pub fn learn(
+    current: &[u8],
+    exposure_q15: u16,
+    how: &[u8],
+    k: u32,
+    k_noise: u32,
+    small_step: u8,
+    background: &mut [u16],
+    noise: &mut [u16],
+) {
+    let small_step = i32::from(small_step);
     let n = current.len();
-    let (exclude, background, noise) = (&exclude[..n], &mut background[..n], &mut noise[..n]);
+    let (how, background, noise) = (&how[..n], &mut background[..n], &mut noise[..n]);
     let half = 1i32 << (k - 1);
     let half_noise = 1i32 << (k_noise - 1);
     for i in 0..n {
-        let difference = (i32::from(current[i]) << 8) - i32::from(background[i]);
-        let keep = i32::from(exclude[i] != 0) - 1; // all ones where the pixel may be learnt
-        let step = ((difference + half) >> k) & keep;
+        let difference = i32::from(expose(current[i], exposure_q15)) - i32::from(background[i]);
+        let fully = i32::from(how[i] != LEARN) - 1; // all ones where true
+        let at_all = i32::from(how[i] == KEEP) - 1;
+        let limit = small_step | (fully & 0xffff);
+        let step = ((difference + half) >> k).clamp(-limit, limit) & at_all;
         background[i] = (i32::from(background[i]) + step) as u16;
         let deviation = difference.abs().min(4 * i32::from(NOISE_MAX));
-        let step = ((deviation - i32::from(noise[i]) + half_noise) >> k_noise) & keep;
+        let step = (deviation - i32::from(noise[i]) + half_noise) >> k_noise;
+        let step = step.min(limit) & at_all;
         noise[i] = (i32::from(noise[i]) + step).min(i32::from(NOISE_MAX)) as u16;
+    }
+}
+
+/// `most[i]` = the larger of both.
+pub fn raise(values: &[u8], most: &mut [u8]) {
+    for (m, &v) in most.iter_mut().zip(values) {
+        *m = (*m).max(v);
+    }
+}
+
+/// Takes away marks where `values` is below `least`.
+pub fn keep_at_least(values: &[u8], least: &[u8], marks: &mut [u8]) {
+    for ((m, &v), &l) in marks.iter_mut().zip(values).zip(least) {
+        *m &= u8::from(v >= l);
     }
 }
 
@@ -159,7 +205,8 @@ mod tests {
     fn the_network_median_equals_the_sorted_median_for_every_count() {
         let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(1);
         for n in 1..40usize {
-            let frames: Vec<Vec<u8>> = (0..n).map(|_| (0..150).map(|_| (rng.next_u32() >> 24) as u8).collect()).collect();
+            let frames: Vec<Vec<u8>> =
+                (0..n).map(|_| (0..150).map(|_| (rng.next_u32() >> 24) as u8).collect()).collect();
             let mut out = vec![0; 150];
             median(&frames.iter().map(Vec::as_slice).collect::<Vec<_>>(), &mut out);
             for i in 0..150 {

@@ -117,13 +117,13 @@ impl OwnMotion {
         self.sums.clear();
         // Every second row: neighbours are blurred into each other anyway.
         for y in (1..height.saturating_sub(1)).step_by(2) {
-            let row = |p: &'_ [u8], y: usize| -> std::ops::Range<usize> { let _ = p; y * width..(y + 1) * width };
+            let row = |y: usize| y * width..(y + 1) * width;
             kernel::accumulate(
-                &reference[row(reference, y - 1)],
-                &reference[row(reference, y)],
-                &reference[row(reference, y + 1)],
-                &picture[row(picture, y)],
-                &self.valid[row(reference, y)],
+                &reference[row(y - 1)],
+                &reference[row(y)],
+                &reference[row(y + 1)],
+                &picture[row(y)],
+                &self.valid[row(y)],
                 wraps,
                 &mut self.sums,
             );

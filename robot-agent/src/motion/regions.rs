@@ -157,7 +157,8 @@ fn join_near_runs(runs: &[Run], row_starts: &[usize], raster: &Raster, gap: [usi
                     first += 1;
                 }
                 let mut j = first;
-                while j < above.end && i64::from(runs[j].start) <= i64::from(runs[i].start + runs[i].len - 1) + reach_x {
+                while j < above.end && i64::from(runs[j].start) <= i64::from(runs[i].start + runs[i].len - 1) + reach_x
+                {
                     join(parent, i as u32, j as u32);
                     j += 1;
                 }
@@ -292,10 +293,8 @@ mod tests {
                 .iter()
                 .map(|r| (r.area, (r.arc.start + shift) % raster.width, r.arc.width, r.rows))
                 .collect();
-            let mut b: Vec<_> = group(&turned, &raster, [1, 1], 1)
-                .iter()
-                .map(|r| (r.area, r.arc.start, r.arc.width, r.rows))
-                .collect();
+            let mut b: Vec<_> =
+                group(&turned, &raster, [1, 1], 1).iter().map(|r| (r.area, r.arc.start, r.arc.width, r.rows)).collect();
             a.sort_unstable();
             b.sort_unstable();
             // Arcs with two longest gaps may start at either.

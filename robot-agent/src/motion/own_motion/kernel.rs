@@ -3,8 +3,21 @@
 use nalgebra::{Matrix4, Vector4};
 
 const TERMS: usize = 15;
-const [W, P, X, Y, R, PP, PX, PY, PR, XX, XY, XR, YY, YR, RR]: [usize; TERMS] =
-    [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14];
+const W: usize = 0;
+const P: usize = 1;
+const X: usize = 2;
+const Y: usize = 3;
+const R: usize = 4;
+const PP: usize = 5;
+const PX: usize = 6;
+const PY: usize = 7;
+const PR: usize = 8;
+const XX: usize = 9;
+const XY: usize = 10;
+const XR: usize = 11;
+const YY: usize = 12;
+const YR: usize = 13;
+const RR: usize = 14;
 
 /// Sums a column of products of: weight, reference (P), its gradients (X, Y) and the change (R).
 #[derive(Debug)]
