@@ -199,6 +199,8 @@ pub struct MotionStage {
     spacing_s: f64,
     objects: Vec<Object>,
     ghosts: Vec<(Patch, u32)>,
+    /// Where somebody is followed: ghosts are believed later there.
+    kept: Vec<Patch>,
     noise_sigma: f64,
     /// Picture / background, the light's common factor.
     gain: f64,
@@ -249,6 +251,7 @@ impl MotionStage {
             spacing_s: 0.1,
             objects: Vec::new(),
             ghosts: Vec::new(),
+            kept: Vec::new(),
             noise_sigma: 2.0,
             gain: 1.0,
             ratios: Vec::new(),
@@ -380,6 +383,7 @@ impl MotionStage {
         for patch in &holds.keep {
             fill(&mut self.how, patch, MARGIN, kernel::KEEP, &self.raster);
         }
+        self.kept.clone_from(&holds.keep);
         for patch in &holds.release {
             fill(&mut self.how, patch, MARGIN, kernel::LEARN, &self.raster);
         }
@@ -508,7 +512,13 @@ impl MotionStage {
             let before = self.ghosts.iter().find(|(p, _)| similar(p, &patch, &self.raster)).map_or(0, |(_, n)| *n);
             seen.push((patch, before + 1));
         }
-        for (patch, _) in seen.iter().filter(|(_, n)| *n >= GHOST_FRAMES) {
+        let kept = &self.kept;
+        let raster = self.raster;
+        let believed = |patch: &Patch, frames: u32| {
+            let followed = kept.iter().any(|k| similar(k, patch, &raster));
+            frames >= if followed { FOLLOWED_GHOST_FRAMES } else { GHOST_FRAMES }
+        };
+        for (patch, _) in seen.iter().filter(|(p, n)| believed(p, *n)) {
             for row in patch.rows[0]..=patch.rows[1] {
                 for offset in 0..patch.arc.width {
                     let i = row * self.raster.width + self.raster.column(patch.arc.start, offset);
@@ -520,7 +530,7 @@ impl MotionStage {
         }
         let gone = |o: &Object| {
             let patch = Patch { arc: o.region.arc, rows: o.region.rows };
-            o.ghost && !o.moves && seen.iter().any(|(p, n)| *n >= GHOST_FRAMES && *p == patch)
+            o.ghost && !o.moves && seen.iter().any(|(p, n)| *p == patch && believed(p, *n))
         };
         self.objects.retain(|o| !gone(o));
         self.ghosts = seen;
@@ -544,6 +554,7 @@ const GATE_SPACING_S: f64 = 0.1;
 const STILL_DS: u32 = 10;
 /// Frames in which a region must look like a ghost before it is one.
 const GHOST_FRAMES: u32 = 2;
+const FOLLOWED_GHOST_FRAMES: u32 = 10;
 
 fn count_in(region: &Region, marks: &[u8], width: usize) -> usize {
     region.spans().map(|(row, start, len)| kernel::count_ones(&marks[row * width + start..][..len])).sum()

@@ -1,1 +1,508 @@
-//! Being written.
+//! Following moving objects (report section VI, `MATHS.md` §7.10 and §7.11; golden groups `association`, `bhattacharyya`,
+//! `distance.ground`).
+//!
+//! Objects come from [`crate::motion`] frame by frame, without names. A track keeps a name: optimal assignment on position,
+//! size and aspect ratio finds it again; when people meet, their one region is taken apart by what they looked like alone
+//! (see `group`), and after they part, position and frozen appearance say who is who. What leaves here are bearings to the
+//! body's axis with honest sigmas, elevation intervals whose ends say what they are, and ranges only from seen feet.
+
+mod appearance;
+mod association;
+mod body;
+mod class;
+mod extent;
+mod filter;
+mod group;
+mod range;
+mod track;
+mod view;
+
+use protocol::id::TrackId;
+use protocol::message::observation::MAX_TRACKS;
+use protocol::message::{AlarmKind, ElevationEnd, ObjectClass, SightedRange, TrackObservation, TrackState};
+use protocol::quantity::{Angle16, Fraction8, LogSigma, Millimetres};
+use protocol::time::Timestamp;
+
+pub use appearance::{Appearance, BINS, bhattacharyya};
+pub use association::{GATE, Shape, ShapeSigmas, assign, cost};
+pub use class::PeerBearing;
+pub use extent::Extent;
+pub use filter::AxisFilter;
+pub use range::{Range, from_ground_contact};
+pub use view::View;
+
+use crate::motion::{Arc, Holds, Object, Patch, Raster, Region, Scene};
+use body::Body;
+use group::Sought;
+use track::{Track, shape_of};
+
+/// How tracks live.
+#[derive(Debug, Clone, PartialEq)]
+pub struct TrackerSettings {
+    /// Spread of the differences of the assignment's cost.
+    pub sigmas: ShapeSigmas,
+    /// Sightings that make a track of a candidate.
+    pub confirm_hits: u32,
+    /// A track that nobody sees is lost after so long, seconds.
+    pub hidden_s: f64,
+    /// A hidden track is published for so long, seconds.
+    pub publish_hidden_s: f64,
+    /// A track that has stopped is kept as an object for so long, seconds; then it belongs to the scene.
+    pub hold_s: f64,
+    /// A track that is not measured alone in a group is kept there for so long, seconds.
+    pub merged_s: f64,
+}
+
+impl Default for TrackerSettings {
+    fn default() -> Self {
+        Self {
+            sigmas: ShapeSigmas::default(),
+            confirm_hits: 4,
+            hidden_s: 2.5,
+            publish_hidden_s: 1.0,
+            hold_s: 60.0,
+            merged_s: 20.0,
+        }
+    }
+}
+
+/// A track as pictures and the offline command want it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct TrackView {
+    /// Which.
+    pub id: TrackId,
+    /// How it is seen.
+    pub state: TrackState,
+    /// What it is.
+    pub class: ObjectClass,
+    /// Columns of its box; of its group while merged.
+    pub arc: Arc,
+    /// First and last row of the box.
+    pub rows: [usize; 2],
+    /// Pixels of its region; 0 while hidden.
+    pub area_px: usize,
+    /// Column of its axis.
+    pub axis_column: f64,
+    /// To the axis, body frame, radians.
+    pub bearing_rad: f64,
+    /// One standard deviation.
+    pub bearing_sigma_rad: f64,
+    /// Elevation interval with its ends, and range.
+    pub extent: Extent,
+    /// Angular width of the box, radians.
+    pub width_rad: f64,
+    /// That it is a real moving object, 0 … 1.
+    pub confidence: f64,
+    /// Appearance, in the frames in which it is published.
+    pub appearance: Option<[u8; 16]>,
+}
+
+/// Follows moving objects from frame to frame.
+#[derive(Debug)]
+pub struct Tracker {
+    raster: Raster,
+    view: View,
+    settings: TrackerSettings,
+    tracks: Vec<Track>,
+    areas: Vec<(TrackId, usize)>,
+    next_id: u32,
+    last: Option<Timestamp>,
+    holds: Holds,
+    events: Vec<AlarmKind>,
+}
+
+/// Who was seen in which object of the frame.
+struct Assignment {
+    /// For each object the tracks in it (indices).
+    members: Vec<Vec<usize>>,
+}
+
+impl Tracker {
+    /// Nobody is followed yet.
+    pub fn new(raster: Raster, view: View, settings: TrackerSettings) -> Self {
+        Self {
+            raster,
+            view,
+            settings,
+            tracks: Vec::new(),
+            areas: Vec::new(),
+            next_id: 1,
+            last: None,
+            holds: Holds::default(),
+            events: Vec::new(),
+        }
+    }
+
+    /// A frame's objects. `peers`: where the peer detector sees fellow robots, now or in the last frame.
+    pub fn step(&mut self, scene: &Scene<'_>, capture: Timestamp, peers: &[PeerBearing]) {
+        let dt_s = self.last.map_or(0.0, |last| capture.seconds_since(last)).clamp(0.0, 2.0);
+        self.last = Some(capture);
+        for track in &mut self.tracks {
+            track.predict(dt_s, &self.raster);
+        }
+        let objects = self.usable_objects(scene);
+        let mut regions: Vec<Region> = objects.iter().map(|o| o.region.clone()).collect();
+        let mut bodies: Vec<Body> = regions.iter().map(|r| Body::measure(r, scene)).collect();
+        let looks: Vec<Appearance> = regions.iter().map(|r| Appearance::of(r, scene)).collect();
+
+        let assignment = self.assign_objects(&bodies, &looks);
+        let leftover = self.join_pieces(&assignment, &mut regions, &mut bodies, scene);
+        let mut seen = vec![false; self.tracks.len()];
+        self.areas.clear();
+        for (object, members) in assignment.members.iter().enumerate() {
+            for &t in members {
+                seen[t] = true;
+                self.areas.push((self.tracks[t].id, regions[object].area));
+            }
+            match members[..] {
+                [] => {}
+                [t] if !self.is_more_than(t, &bodies[object]) => {
+                    let moves = objects[object].moves;
+                    self.tracks[t].see(&bodies[object], &looks[object], moves, capture, &self.raster);
+                }
+                _ => self.see_group(members, &bodies[object], capture),
+            }
+        }
+        for (track, seen) in self.tracks.iter_mut().zip(&seen) {
+            if !seen {
+                track.miss();
+            }
+        }
+        for object in leftover {
+            if objects[object].moves && !objects[object].ghost {
+                self.give_birth(&bodies[object], &looks[object], regions[object].area, capture);
+            }
+        }
+        self.measure_extents(scene, peers, capture);
+        self.end_tracks(capture);
+        self.update_holds(capture);
+    }
+
+    /// The robot moves, or there is no background: all tracks end.
+    pub fn suspend(&mut self, capture: Timestamp) {
+        self.last = Some(capture);
+        for track in std::mem::take(&mut self.tracks) {
+            if track.announced {
+                self.events.push(AlarmKind::PersonLeft(track.id));
+            }
+        }
+        self.areas.clear();
+        self.holds = Holds::default();
+    }
+
+    /// Forget all tracks, as on a command. Numbers are not used again.
+    pub fn reset(&mut self) {
+        self.tracks.clear();
+        self.areas.clear();
+        self.holds = Holds::default();
+    }
+
+    /// Where the background must not, or must, learn.
+    pub fn holds(&self) -> &Holds {
+        &self.holds
+    }
+
+    /// Who came and who left since the last call.
+    pub fn take_events(&mut self) -> Vec<AlarmKind> {
+        std::mem::take(&mut self.events)
+    }
+
+    /// The angles of the picture.
+    pub fn view(&self) -> &View {
+        &self.view
+    }
+
+    /// The tracks of the last frame that are sure enough to be published, the surest first, at most
+    /// [`MAX_TRACKS`].
+    pub fn tracks(&self) -> Vec<TrackView> {
+        let now = self.last.unwrap_or_default();
+        let mut views: Vec<TrackView> = self
+            .tracks
+            .iter()
+            .filter(|t| t.confirmed)
+            .filter(|t| t.state != TrackState::Hidden || now.seconds_since(t.seen) <= self.settings.publish_hidden_s)
+            .filter_map(|t| self.view_of(t))
+            .collect();
+        views.sort_by(|a, b| b.confidence.total_cmp(&a.confidence).then(a.id.cmp(&b.id)));
+        views.truncate(MAX_TRACKS);
+        views
+    }
+
+    /// The same for the wire.
+    pub fn observations(&self) -> Vec<TrackObservation> {
+        self.tracks().iter().map(observation).collect()
+    }
+
+    fn view_of(&self, track: &Track) -> Option<TrackView> {
+        let extent = track.extent?;
+        let middle = (track.rows[0] + track.rows[1]) as f64 / 2.0;
+        let (bearing_rad, _) = self.view.angles_rad(track.axis, middle)?;
+        let step = self.view.steps_rad(track.axis, middle)[0];
+        let area_px = self.areas.iter().find(|(id, _)| *id == track.id).map_or(0, |(_, a)| *a);
+        Some(TrackView {
+            id: track.id,
+            state: track.state,
+            class: track.class(),
+            arc: if track.state == TrackState::Hidden { track.predicted_arc(&self.raster) } else { track.arc },
+            rows: track.rows,
+            area_px,
+            axis_column: track.axis,
+            bearing_rad,
+            bearing_sigma_rad: track.axis_sigma * step,
+            extent,
+            width_rad: track.shape.w * step,
+            confidence: track.confidence(),
+            appearance: (track.turning_point == self.last).then(|| track.appearance.to_bytes()),
+        })
+    }
+
+    /// Objects that move, or that lie where somebody is followed (who may have stopped). A ghost counts only as somebody who
+    /// has come a long way.
+    fn usable_objects<'a>(&self, scene: &Scene<'a>) -> Vec<&'a Object> {
+        scene
+            .objects
+            .iter()
+            .filter(|o| {
+                let near = |t: &&Track| t.predicted_arc(&self.raster).overlap(&o.region.arc, &self.raster) > 0;
+                if o.ghost && !o.moves {
+                    return self.tracks.iter().filter(near).any(|t| t.confirmed && t.travelled > t.shape.w);
+                }
+                o.moves || self.tracks.iter().any(|t| near(&t))
+            })
+            .collect()
+    }
+
+    fn assign_objects(&self, bodies: &[Body], looks: &[Appearance]) -> Assignment {
+        let mut members: Vec<Vec<usize>> = vec![Vec::new(); bodies.len()];
+        let sure: Vec<usize> = (0..self.tracks.len()).filter(|&t| self.tracks[t].confirmed).collect();
+        let mut alone = self.match_tracks(&sure, bodies, looks, &mut members);
+        // Whoever found no object of its own may be in one with somebody else, or have changed its shape.
+        for t in alone.drain(..) {
+            let track = &self.tracks[t];
+            let arc = track.predicted_arc(&self.raster);
+            let share = |b: &Body| {
+                let rows = (b.rows[1].min(track.rows[1]) + 1).saturating_sub(b.rows[0].max(track.rows[0]));
+                if rows == 0 { 0.0 } else { arc.overlap(&b.arc, &self.raster) as f64 / arc.width as f64 }
+            };
+            let best = (0..bodies.len()).map(|o| (o, share(&bodies[o]))).max_by(|a, b| a.1.total_cmp(&b.1));
+            if let Some((object, share)) = best
+                && share > 0.5
+            {
+                members[object].push(t);
+            }
+        }
+        // Candidates take what is left.
+        let candidates: Vec<usize> = (0..self.tracks.len()).filter(|&t| !self.tracks[t].confirmed).collect();
+        let free: Vec<usize> = (0..bodies.len()).filter(|&o| members[o].is_empty()).collect();
+        let some_bodies: Vec<Body> = free.iter().map(|&o| bodies[o].clone()).collect();
+        let some_looks: Vec<Appearance> = free.iter().map(|&o| looks[o].clone()).collect();
+        let mut some_members = vec![Vec::new(); free.len()];
+        self.match_tracks(&candidates, &some_bodies, &some_looks, &mut some_members);
+        for (&object, found) in free.iter().zip(some_members) {
+            members[object] = found;
+        }
+        for list in &mut members {
+            list.sort_unstable();
+        }
+        Assignment { members }
+    }
+
+    /// Optimal assignment of some tracks; returns those that found nothing.
+    fn match_tracks(
+        &self,
+        tracks: &[usize],
+        bodies: &[Body],
+        looks: &[Appearance],
+        members: &mut [Vec<usize>],
+    ) -> Vec<usize> {
+        let costs: Vec<Vec<f64>> = tracks
+            .iter()
+            .map(|&t| {
+                let track = &self.tracks[t];
+                let parted = track.merged_since.is_some() || track.state == TrackState::Hidden;
+                let base = &self.settings.sigmas;
+                let shape = track.predicted_shape();
+                let unsure = if track.merged_since.is_some() { 0.35 * track.group_width } else { 0.0 };
+                let sigmas = ShapeSigmas {
+                    x: base.x.max(0.25 * shape.w).hypot(track.filter.sigma()).hypot(unsure),
+                    y: base.y.max(0.12 * shape.h),
+                    ..*base
+                };
+                bodies
+                    .iter()
+                    .zip(looks)
+                    .map(|(body, look)| {
+                        let unlike = if parted { track.appearance.distance(look) / 0.15 } else { 0.0 };
+                        cost(&shape, &shape_of(body), &sigmas, &self.raster) + unlike * unlike
+                    })
+                    .collect()
+            })
+            .collect();
+        let gate = |t: usize| if self.tracks[t].merged_since.is_some() { 2.0 * GATE } else { GATE };
+        // One gate for all keeps the assignment optimal; those with a wider one have their costs scaled.
+        let scaled: Vec<Vec<f64>> =
+            costs.iter().zip(tracks).map(|(row, &t)| row.iter().map(|c| c * GATE / gate(t)).collect()).collect();
+        let mut lonely = Vec::new();
+        for (&t, object) in tracks.iter().zip(assign(&scaled, GATE)) {
+            match object {
+                Some(object) => members[object].push(t),
+                None => lonely.push(t),
+            }
+        }
+        lonely
+    }
+
+    /// Whether an object is so much broader than the track that there must be something else in it.
+    fn is_more_than(&self, t: usize, body: &Body) -> bool {
+        let track = &self.tracks[t];
+        track.confirmed && body.arc.width as f64 > 1.5 * track.shape.w + 4.0
+    }
+
+    /// Objects that nobody was assigned: pieces of somebody are joined to them, the others are returned.
+    fn join_pieces(
+        &self,
+        assignment: &Assignment,
+        regions: &mut [Region],
+        bodies: &mut [Body],
+        scene: &Scene<'_>,
+    ) -> Vec<usize> {
+        let mut leftover = Vec::new();
+        for piece in 0..regions.len() {
+            if !assignment.members[piece].is_empty() {
+                continue;
+            }
+            let owner = (0..regions.len()).find(|&o| {
+                let [t] = assignment.members[o][..] else { return false };
+                let track = &self.tracks[t];
+                let joint = regions[o].arc.union(&regions[piece].arc, &self.raster);
+                track.confirmed
+                    && regions[piece].area < regions[o].area
+                    && (joint.width as f64) < 1.25 * track.shape.w + 2.0
+                    && track.predicted_arc(&self.raster).overlap(&regions[piece].arc, &self.raster) > 0
+            });
+            match owner {
+                Some(o) => {
+                    regions[o] = Region::joined(&[&regions[o], &regions[piece]], &self.raster);
+                    bodies[o] = Body::measure(&regions[o], scene);
+                }
+                None => leftover.push(piece),
+            }
+        }
+        leftover
+    }
+
+    fn see_group(&mut self, members: &[usize], body: &Body, now: Timestamp) {
+        let placed = {
+            let sought: Vec<Sought<'_>> = members
+                .iter()
+                .map(|&t| {
+                    let track = &self.tracks[t];
+                    Sought {
+                        template: &track.template,
+                        axis_offset: track.axis_offset,
+                        predicted: track.filter.column,
+                        sigma: track.filter.sigma().max(1.0),
+                    }
+                })
+                .collect();
+            group::place(&body.strip, &sought, &self.raster)
+        };
+        for (&t, placed) in members.iter().zip(placed) {
+            self.tracks[t].see_merged(placed.axis, placed.alone, body.arc, body.rows, now, &self.raster);
+        }
+    }
+
+    fn give_birth(&mut self, body: &Body, look: &Appearance, area: usize, now: Timestamp) {
+        if self.tracks.len() >= association::MAX_SIDE {
+            return;
+        }
+        let id = TrackId(self.next_id);
+        self.next_id = self.next_id.wrapping_add(1);
+        self.tracks.push(Track::new(id, body, look.clone(), now, &self.raster));
+        self.areas.push((id, area));
+    }
+
+    fn measure_extents(&mut self, scene: &Scene<'_>, peers: &[PeerBearing], now: Timestamp) {
+        for track in &mut self.tracks {
+            if track.state == TrackState::Hidden {
+                // What was measured is now a bound at best.
+                if let Some(extent) = &mut track.extent {
+                    extent.ends = extent.ends.map(|e| if e == ElevationEnd::Seen { ElevationEnd::Hidden } else { e });
+                    extent.range = None;
+                }
+                continue;
+            }
+            let shared = track.state == TrackState::Merged;
+            let middle = (track.rows[0] + track.rows[1]) as f64 / 2.0;
+            let step = self.view.steps_rad(track.axis, middle)[0];
+            let width_rad = if shared { track.shape.w } else { track.arc.width as f64 } * step;
+            let trunk_rad = track.trunk_width * step;
+            let person = !matches!(track.class(), ObjectClass::Robot | ObjectClass::Other);
+            let extent =
+                extent::measure(scene, &self.view, track.axis, track.rows, trunk_rad.min(width_rad), shared, person);
+            track.extent = Some(extent);
+            if !shared && let Some((bearing, _)) = self.view.angles_rad(track.axis, middle) {
+                track.votes.add(class::of_one_sight(bearing, width_rad, &extent, &self.view, peers));
+            }
+            if !track.confirmed && track.hits >= self.settings.confirm_hits {
+                track.confirmed = true;
+                track.turning_point = Some(now);
+            }
+            if track.confirmed && !track.announced && track.class() == ObjectClass::Person {
+                track.announced = true;
+                self.events.push(AlarmKind::PersonAppeared(track.id));
+            }
+        }
+    }
+
+    fn end_tracks(&mut self, now: Timestamp) {
+        let settings = &self.settings;
+        let mut left = Vec::new();
+        self.tracks.retain(|t| {
+            let keep = if t.confirmed {
+                now.seconds_since(t.seen) <= settings.hidden_s
+                    && t.merged_since.is_none_or(|since| now.seconds_since(since) <= settings.merged_s)
+            } else {
+                t.misses < 2
+            };
+            if !keep && t.announced {
+                left.push(AlarmKind::PersonLeft(t.id));
+            }
+            keep
+        });
+        self.events.append(&mut left);
+    }
+
+    fn update_holds(&mut self, now: Timestamp) {
+        self.holds.keep.clear();
+        self.holds.release.clear();
+        for track in self.tracks.iter().filter(|t| t.confirmed) {
+            let patch: Patch = track.patch();
+            if now.seconds_since(track.moved) > self.settings.hold_s {
+                self.holds.release.push(patch);
+            } else if now.seconds_since(track.seen) <= 1.0 {
+                self.holds.keep.push(patch);
+            }
+        }
+    }
+}
+
+fn observation(view: &TrackView) -> TrackObservation {
+    TrackObservation {
+        track: view.id,
+        state: view.state,
+        bearing: Angle16::from_rad(view.bearing_rad),
+        bearing_sigma: LogSigma::from_value(view.bearing_sigma_rad),
+        elevation: view.extent.elevation_rad.map(Angle16::from_rad),
+        elevation_sigma: LogSigma::from_value(view.extent.sigma_rad),
+        ends: view.extent.ends,
+        width: Angle16::from_rad(view.width_rad),
+        range: view
+            .extent
+            .range
+            .map(|r| SightedRange { range: Millimetres::from_m(r.range_m), sigma: LogSigma::from_value(r.sigma_m) }),
+        class: view.class,
+        confidence: Fraction8::from_value(view.confidence),
+        appearance: view.appearance,
+    }
+}

@@ -1,0 +1,80 @@
+//! What somebody looks like: a histogram of grey levels, compared by the Bhattacharyya distance (`MATHS.md` §7.10, golden
+//! group `bhattacharyya`). Frozen before a merge, it tells after the split who is who; velocities do not, for people turn back.
+
+use crate::motion::{Region, Scene};
+
+/// Bins of a histogram.
+pub const BINS: usize = 16;
+
+/// √(1 − Σ√(pᵢqᵢ)) of two histograms (any scale, equal lengths): 0 alike … 1 disjoint. 1 where one is empty.
+pub fn bhattacharyya(a: &[f64], b: &[f64]) -> f64 {
+    let (sa, sb) = (a.iter().sum::<f64>(), b.iter().sum::<f64>());
+    if !(sa > 0.0 && sb > 0.0) {
+        return 1.0;
+    }
+    let overlap: f64 = a.iter().zip(b).map(|(p, q)| (p / sa * q / sb).sqrt()).sum();
+    (1.0 - overlap).max(0.0).sqrt()
+}
+
+/// Grey levels of a region, upper and lower half apart: trousers and jackets are told apart by where they are.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Appearance {
+    bins: [f64; 2 * BINS],
+}
+
+impl Appearance {
+    /// Of a region's pixels.
+    pub fn of(region: &Region, scene: &Scene<'_>) -> Self {
+        let mut bins = [0.0; 2 * BINS];
+        let middle = usize::midpoint(region.rows[0], region.rows[1]);
+        for (row, start, len) in region.spans() {
+            let half = if row <= middle { 0 } else { BINS };
+            for &p in &scene.picture[row * scene.raster.width + start..][..len] {
+                // Shared between neighbouring bins, so that a slightly brighter light moves little.
+                let position = (f64::from(p) / 256.0 * BINS as f64 - 0.5).max(0.0);
+                let (bin, part) = (position as usize, position.fract());
+                bins[half + bin] += 1.0 - part;
+                bins[half + (bin + 1).min(BINS - 1)] += part;
+            }
+        }
+        Self { bins }
+    }
+
+    /// 0 alike … 1 unlike.
+    pub fn distance(&self, other: &Self) -> f64 {
+        bhattacharyya(&self.bins, &other.bins)
+    }
+
+    /// Moves a part of the way towards a newer look.
+    pub fn blend(&mut self, newer: &Self, part: f64) {
+        let scale = |b: &[f64]| 1.0 / b.iter().sum::<f64>().max(1e-9);
+        let (old, new) = (scale(&self.bins), scale(&newer.bins));
+        for (b, n) in self.bins.iter_mut().zip(&newer.bins) {
+            *b = (1.0 - part) * *b * old + part * n * new;
+        }
+    }
+
+    /// For the wire: four bits a bin, √ of the share.
+    pub fn to_bytes(&self) -> [u8; 16] {
+        let total = self.bins.iter().sum::<f64>().max(1e-9);
+        let nibble = |i: usize| ((self.bins[i] / total).sqrt() * 15.0).round().clamp(0.0, 15.0) as u8;
+        std::array::from_fn(|i| nibble(2 * i) << 4 | nibble(2 * i + 1))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::motion::golden;
+
+    #[test]
+    fn the_distance_of_two_histograms_is_the_golden_one() {
+        let golden = golden("bhattacharyya");
+        let h = |k: &str| -> Vec<f64> {
+            golden["inputs"][k].as_array().unwrap().iter().map(|v| v.as_f64().unwrap()).collect()
+        };
+        let d = bhattacharyya(&h("h1"), &h("h2"));
+        assert!((d - golden["outputs"].as_f64().unwrap()).abs() < 1e-12, "{d}");
+        assert_eq!(bhattacharyya(&[1.0, 0.0], &[0.0, 3.0]), 1.0);
+    }
+}

@@ -1,0 +1,131 @@
+//! Measuring one body: where its vertical axis is, and what of it is seen.
+//!
+//! The middle of the box is where the swinging hand is, not where the body is. The axis is taken from the columns of the
+//! upper part (trunk and head): each column weighs with the rows it fills, thin columns (arms, edges) are left out, and
+//! the rest is averaged.
+
+use crate::motion::{Arc, Raster, Region, Scene};
+
+/// Rows from the top that make the trunk and the head, as a share of what is seen.
+const UPPER_SHARE: f64 = 0.55;
+/// Columns filled less than this share of the fullest are arms and edges.
+const THIN: f64 = 0.35;
+/// Vertical bands of a [`Strip`].
+pub(super) const BANDS: usize = 8;
+
+/// What is measured on a region that shows one body.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Body {
+    /// Columns and rows.
+    pub(super) arc: Arc,
+    pub(super) rows: [usize; 2],
+    /// Of the axis: column, on a ring in [0, width).
+    pub(super) axis: f64,
+    /// Columns of the trunk.
+    pub(super) trunk_width: f64,
+    /// Columns and bands, for telling bodies apart inside one region.
+    pub(super) strip: Strip,
+}
+
+impl Body {
+    pub(super) fn measure(region: &Region, scene: &Scene<'_>) -> Self {
+        let raster = scene.raster;
+        let arc = region.arc;
+        let limit = region.rows[0] + (UPPER_SHARE * region.height() as f64).ceil() as usize;
+        let mut filled = vec![0u32; arc.width];
+        for (row, start, len) in region.spans().take_while(|(row, _, _)| *row < limit) {
+            let _ = row;
+            let offset = (start + raster.width - arc.start) % raster.width;
+            for f in &mut filled[offset..(offset + len).min(arc.width)] {
+                *f += 1;
+            }
+        }
+        let fullest = filled.iter().copied().max().unwrap_or(0);
+        let least = f64::from(fullest) * THIN;
+        let (mut sum, mut weighted, mut trunk) = (0.0, 0.0, 0.0);
+        for (i, &f) in filled.iter().enumerate() {
+            let f = f64::from(f);
+            if f >= least {
+                sum += f;
+                weighted += f * i as f64;
+                trunk += 1.0;
+            }
+        }
+        let offset = if sum > 0.0 { weighted / sum } else { (arc.width as f64 - 1.0) / 2.0 };
+        Self {
+            arc,
+            rows: region.rows,
+            axis: raster.wrap_column(arc.start as f64 + offset),
+            trunk_width: trunk,
+            strip: Strip::of(region, scene),
+        }
+    }
+
+    /// The axis' offset from the first column.
+    pub(super) fn axis_offset(&self, raster: &Raster) -> f64 {
+        raster.column_difference(self.axis, self.arc.start as f64).rem_euclid(raster.width as f64)
+    }
+}
+
+/// A region in columns and eight bands of the picture's rows: how full each cell is and how bright.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Strip {
+    /// First column, as in the region's arc.
+    pub(super) start: usize,
+    /// A column each: share of the band's rows that are filled, 0 … 1.
+    pub(super) filled: Vec<[f32; BANDS]>,
+    /// Mean grey level of the filled pixels.
+    pub(super) gray: Vec<[f32; BANDS]>,
+}
+
+impl Strip {
+    pub(super) fn of(region: &Region, scene: &Scene<'_>) -> Self {
+        let raster = scene.raster;
+        let width = region.arc.width;
+        let mut filled = vec![[0f32; BANDS]; width];
+        let mut gray = vec![[0f32; BANDS]; width];
+        for (row, start, len) in region.spans() {
+            let band = row * BANDS / raster.height;
+            let offset = (start + raster.width - region.arc.start) % raster.width;
+            let pixels = &scene.picture[row * raster.width + start..][..len];
+            for (i, &p) in pixels.iter().enumerate().take(width.saturating_sub(offset)) {
+                filled[offset + i][band] += 1.0;
+                gray[offset + i][band] += f32::from(p);
+            }
+        }
+        let rows_of_band = raster.height as f32 / BANDS as f32;
+        for (f, g) in filled.iter_mut().flatten().zip(gray.iter_mut().flatten()) {
+            if *f > 0.0 {
+                *g /= *f;
+                *f = (*f / rows_of_band).min(1.0);
+            }
+        }
+        Self { start: region.arc.start, filled, gray }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::motion::group;
+
+    #[test]
+    fn an_outstretched_arm_does_not_move_the_axis() {
+        let raster = Raster { width: 200, height: 100, wraps: true };
+        let mut mask = vec![0u8; raster.len()];
+        let mut paint = |x0: usize, y0: usize, w: usize, h: usize| {
+            for y in y0..y0 + h {
+                for x in x0..x0 + w {
+                    mask[y * 200 + x % 200] = 1;
+                }
+            }
+        };
+        paint(190, 10, 21, 80); // body over the seam, axis at column 200 = 0
+        paint(211, 30, 14, 5); // arm
+        let region = group(&mask, &raster, [0, 0], 1).remove(0);
+        let scene = Scene { raster: &raster, picture: &mask, mask: &mask, valid: &mask, objects: &[] };
+        let body = Body::measure(&region, &scene);
+        assert!(raster.column_difference(body.axis, 200.0).abs() < 0.6, "{}", body.axis);
+        assert_eq!(body.arc.width, 35);
+    }
+}

@@ -1,0 +1,222 @@
+//! One track: its identity, its filter and its life.
+//!
+//! ```text
+//!            seen CONFIRM_HITS times                    alone again
+//! tentative ───────────────────────▶ visible ◀──────────────────────── merged
+//!     │ missed twice                   │   ▲ seen again   one region      ▲
+//!     ▼                     not seen   ▼   │              with others     │
+//!   gone                             hidden ──── HIDDEN_S ───▶ lost       │
+//!                                      └──────────────────────────────────┘
+//! ```
+
+use protocol::id::TrackId;
+use protocol::message::{ObjectClass, TrackState};
+use protocol::time::Timestamp;
+
+use super::appearance::Appearance;
+use super::association::Shape;
+use super::body::{Body, Strip};
+use super::class::Votes;
+use super::extent::Extent;
+use super::filter::AxisFilter;
+use crate::motion::{Arc, Patch, Raster};
+
+/// A moving object that is followed.
+#[derive(Debug, Clone)]
+pub(super) struct Track {
+    pub(super) id: TrackId,
+    pub(super) confirmed: bool,
+    pub(super) state: TrackState,
+    pub(super) filter: AxisFilter,
+    /// Smoothed centre row, width and height; x is not used.
+    pub(super) shape: Shape,
+    /// Where it was last seen, alone or in a group.
+    pub(super) arc: Arc,
+    pub(super) rows: [usize; 2],
+    /// Columns of its trunk when it was last alone.
+    pub(super) trunk_width: f64,
+    /// Its strip when it was last alone, and the axis' offset in it.
+    pub(super) template: Strip,
+    pub(super) axis_offset: f64,
+    pub(super) appearance: Appearance,
+    /// Column of the axis and its sigma as published for this frame.
+    pub(super) axis: f64,
+    pub(super) axis_sigma: f64,
+    pub(super) extent: Option<Extent>,
+    pub(super) votes: Votes,
+    pub(super) hits: u32,
+    pub(super) misses: u32,
+    /// Where it was born: how far has it come?
+    pub(super) born_at: f64,
+    pub(super) travelled: f64,
+    pub(super) seen: Timestamp,
+    pub(super) moved: Timestamp,
+    /// Since when it has been in groups without a break.
+    pub(super) merged_since: Option<Timestamp>,
+    /// Width of the group it was in when it was last seen there.
+    pub(super) group_width: f64,
+    /// Frame of its last birth, merge or split: then its appearance is sent.
+    pub(super) turning_point: Option<Timestamp>,
+    pub(super) announced: bool,
+}
+
+impl Track {
+    pub(super) fn new(id: TrackId, body: &Body, appearance: Appearance, now: Timestamp, raster: &Raster) -> Self {
+        let mut track = Self {
+            id,
+            confirmed: false,
+            state: TrackState::Visible,
+            filter: AxisFilter::new(body.axis, sigma_alone(body.trunk_width), 2.0 * body.trunk_width),
+            shape: Shape { x: 0.0, y: 0.0, w: 1.0, h: 1.0 },
+            arc: body.arc,
+            rows: body.rows,
+            trunk_width: body.trunk_width,
+            template: body.strip.clone(),
+            axis_offset: body.axis_offset(raster),
+            appearance,
+            axis: body.axis,
+            axis_sigma: sigma_alone(body.trunk_width),
+            extent: None,
+            votes: Votes::default(),
+            hits: 1,
+            misses: 0,
+            born_at: body.axis,
+            travelled: 0.0,
+            seen: now,
+            moved: now,
+            merged_since: None,
+            group_width: 0.0,
+            turning_point: None,
+            announced: false,
+        };
+        track.shape = shape_of(body);
+        track
+    }
+
+    /// The time goes on.
+    pub(super) fn predict(&mut self, dt_s: f64, raster: &Raster) {
+        // 1.5 m/s² on shoulders half a metre broad.
+        let acceleration = 3.0 * self.trunk_width.max(4.0);
+        self.filter.predict(dt_s, acceleration, raster);
+        if self.state == TrackState::Hidden {
+            self.filter.damp((-dt_s / 0.7).exp());
+        }
+    }
+
+    pub(super) fn predicted_shape(&self) -> Shape {
+        Shape { x: self.filter.column, ..self.shape }
+    }
+
+    /// The columns where it should be.
+    pub(super) fn predicted_arc(&self, raster: &Raster) -> Arc {
+        let width = (self.shape.w.round().max(1.0) as usize).min(raster.width);
+        let start = self.filter.column - self.shape.w / 2.0;
+        if raster.wraps {
+            let start = start.round().rem_euclid(raster.width as f64) as usize % raster.width;
+            return Arc { start, width };
+        }
+        let first = start.round().clamp(0.0, raster.width as f64 - 1.0) as usize;
+        Arc { start: first, width: width.min(raster.width - first) }
+    }
+
+    /// Seen alone.
+    pub(super) fn see(&mut self, body: &Body, appearance: &Appearance, moves: bool, now: Timestamp, raster: &Raster) {
+        let split = self.state == TrackState::Merged || self.merged_since.is_some();
+        let sigma = sigma_alone(body.trunk_width);
+        self.filter.update(body.axis, sigma, raster);
+        let found = shape_of(body);
+        let follow = |old: f64, new: f64| if split { new } else { old + 0.4 * (new - old) };
+        self.shape.y = follow(self.shape.y, found.y);
+        self.shape.w = follow(self.shape.w, found.w);
+        self.shape.h = follow(self.shape.h, found.h);
+        (self.axis, self.axis_sigma) = (body.axis, sigma);
+        (self.arc, self.rows, self.trunk_width) = (body.arc, body.rows, body.trunk_width);
+        self.template.clone_from(&body.strip);
+        self.axis_offset = body.axis_offset(raster);
+        self.appearance.blend(appearance, 0.1);
+        self.state = TrackState::Visible;
+        self.merged_since = None;
+        if split {
+            self.turning_point = Some(now);
+        }
+        self.note_seen(moves, now, raster);
+    }
+
+    /// Seen in a group, `alone` being the share of its columns that nobody else covers.
+    pub(super) fn see_merged(
+        &mut self,
+        axis: f64,
+        alone: f64,
+        group: Arc,
+        rows: [usize; 2],
+        now: Timestamp,
+        raster: &Raster,
+    ) {
+        let sigma = sigma_alone(self.trunk_width).hypot((1.0 - alone) * 0.35 * self.trunk_width);
+        self.filter.update(axis, sigma, raster);
+        // Nobody is outside of the group.
+        let centre = group.centre();
+        let offset = raster.column_difference(self.filter.column, centre);
+        let half = group.width as f64 / 2.0;
+        self.filter.column = raster.wrap_column(centre + offset.clamp(-half, half));
+        (self.axis, self.axis_sigma) = (self.filter.column, self.filter.sigma().max(sigma_alone(self.trunk_width)));
+        (self.arc, self.rows) = (group, rows);
+        self.group_width = group.width as f64;
+        if self.merged_since.is_none() {
+            self.merged_since = Some(now);
+            self.turning_point = Some(now);
+        }
+        self.state = TrackState::Merged;
+        self.note_seen(true, now, raster);
+    }
+
+    /// Not seen.
+    pub(super) fn miss(&mut self) {
+        self.misses += 1;
+        self.state = TrackState::Hidden;
+        (self.axis, self.axis_sigma) = (self.filter.column, self.filter.sigma());
+    }
+
+    fn note_seen(&mut self, moves: bool, now: Timestamp, raster: &Raster) {
+        self.hits += 1;
+        self.misses = 0;
+        self.seen = now;
+        if moves {
+            self.moved = now;
+        }
+        self.travelled = self.travelled.max(raster.column_difference(self.axis, self.born_at).abs());
+    }
+
+    pub(super) fn patch(&self) -> Patch {
+        Patch { arc: self.arc, rows: self.rows }
+    }
+
+    /// That it is a real moving object.
+    pub(super) fn confidence(&self) -> f64 {
+        let evidence = 1.0 - (-f64::from(self.hits) / 6.0).exp();
+        let seen = match self.state {
+            TrackState::Visible => 1.0,
+            TrackState::Merged => 0.8,
+            TrackState::Hidden => 0.5,
+        };
+        evidence * seen
+    }
+
+    pub(super) fn class(&self) -> ObjectClass {
+        self.votes.winner()
+    }
+}
+
+/// Of the axis of a body seen alone, columns: pixels, and the body itself, which sways and swings by a part of its breadth.
+pub(super) fn sigma_alone(trunk_width: f64) -> f64 {
+    0.5f64.hypot(0.06 * trunk_width)
+}
+
+pub(super) fn shape_of(body: &Body) -> Shape {
+    Shape {
+        x: body.axis,
+        y: (body.rows[0] + body.rows[1]) as f64 / 2.0,
+        w: body.arc.width as f64,
+        h: (body.rows[1] - body.rows[0] + 1) as f64,
+    }
+}

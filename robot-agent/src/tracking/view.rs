@@ -1,0 +1,75 @@
+//! From places in the tested picture to angles in the robot's body frame.
+
+use crate::optics::MountedCamera;
+use crate::panorama::PanoramaGeometry;
+
+/// What the pixels of the tested picture are in angles, and how high and how level the camera is.
+#[derive(Debug, Clone)]
+pub struct View {
+    picture: Picture,
+    /// Height of the viewpoint above the floor with its sigma (metres); `None`: no range may be built on it.
+    pub height_m: Option<(f64, f64)>,
+    /// Standard deviation of the horizon's elevation (radians): tilt that is not known.
+    pub tilt_sigma_rad: f64,
+}
+
+#[derive(Debug, Clone)]
+enum Picture {
+    Panorama(PanoramaGeometry),
+    Image(MountedCamera),
+}
+
+impl View {
+    /// A panorama made from a camera.
+    pub fn panorama(geometry: PanoramaGeometry, camera: &MountedCamera) -> Self {
+        Self::new(Picture::Panorama(geometry), camera)
+    }
+
+    /// The camera's own picture (pinhole).
+    pub fn image(camera: MountedCamera) -> Self {
+        let mounted = camera.clone();
+        Self::new(Picture::Image(camera), &mounted)
+    }
+
+    fn new(picture: Picture, camera: &MountedCamera) -> Self {
+        let mounting = camera.mounting();
+        let height_sigma_m = mounting.sigma.position_m.z;
+        let [roll, pitch, _] = mounting.sigma.rotation_rpy_rad;
+        Self {
+            picture,
+            height_m: mounting.height_m().map(|_| (camera.viewpoint_body_m().z, height_sigma_m)),
+            tilt_sigma_rad: roll.hypot(pitch) / std::f64::consts::SQRT_2,
+        }
+    }
+
+    /// Bearing (−π, π] and elevation of a place (pixels, centres at integers; columns may run over the seam); `None`
+    /// where the camera sees nothing.
+    pub fn angles_rad(&self, column: f64, row: f64) -> Option<(f64, f64)> {
+        match &self.picture {
+            Picture::Panorama(g) => Some((g.bearing_of_column(column), g.elevation_of_row(row))),
+            Picture::Image(camera) => camera.bearing_elevation_rad(&nalgebra::Vector2::new(column, row)),
+        }
+    }
+
+    /// Angle of one column and one row there, radians.
+    pub fn steps_rad(&self, column: f64, row: f64) -> [f64; 2] {
+        match &self.picture {
+            Picture::Panorama(g) => [g.bearing_step_rad(), g.elevation_step_rad(row)],
+            Picture::Image(_) => {
+                let at = |c: f64, r: f64| self.angles_rad(c, r);
+                match (at(column - 0.5, row), at(column + 0.5, row), at(column, row - 0.5), at(column, row + 0.5)) {
+                    (Some(l), Some(r), Some(t), Some(b)) => {
+                        [protocol::angle::difference(l.0, r.0).abs(), (t.1 - b.1).abs()].map(|s| s.max(1e-6))
+                    }
+                    // At the border of the picture any finite scale will do: ends there are cut.
+                    _ => [2e-3, 2e-3],
+                }
+            }
+        }
+    }
+
+    /// Whether this is a ring.
+    pub fn is_panoramic(&self) -> bool {
+        matches!(self.picture, Picture::Panorama(_))
+    }
+}
