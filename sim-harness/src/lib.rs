@@ -1,6 +1,7 @@
 #![doc = include_str!("../README.md")]
 
 pub mod bandwidth;
+pub mod cli;
 pub mod network;
 pub mod render;
 pub mod scenario;

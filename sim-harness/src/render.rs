@@ -1,1 +1,313 @@
-//! Being written.
+//! Pictures of the world as the robots' PAL cameras take them: solid geometry, light and glass.
+//!
+//! The mirrors are traced once a camera ([`rays`]); the room is painted and lit once ([`scene`]); what stands still is drawn
+//! once while a camera stands ([`still`]); every picture adds what moves, its shadows, flicker, blur and noise. All of it is
+//! a function of (world, robot, time): the same instant gives the same bytes.
+//!
+//! Nothing here uses the team's frames, markers or camera models: this is the physics that they are tested against.
+
+pub mod light;
+pub mod moving;
+pub mod pal;
+pub mod rays;
+pub mod scene;
+pub mod sensor;
+pub mod still;
+
+use std::sync::Arc;
+
+use crate::world::vector::V3;
+use crate::world::{State, World};
+use light::Caster;
+use moving::Mover;
+use rays::{Rays, Stand};
+use scene::{Glow, Scene};
+use sensor::Sensor;
+use still::{EDGE_SAMPLES, Still, StillPicture};
+
+/// Grey level of the light that all but [`BRIGHTEST_SHARE`] of the pixels stay below.
+const FULL_GRAY: f32 = 215.0;
+const BRIGHTEST_SHARE: f64 = 0.01;
+
+/// A picture and what is seen in it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Picture {
+    /// Pixels a row.
+    pub width: u32,
+    /// Rows.
+    pub height: u32,
+    /// Row by row.
+    pub gray: Vec<u8>,
+    /// Of each person: unhidden pixels / pixels the person would cover alone, within the design's field of view; 0 where
+    /// it would cover none.
+    pub visible_fraction: Vec<f64>,
+}
+
+/// One robot's camera in the world.
+pub struct Renderer {
+    world: Arc<World>,
+    scene: Arc<Scene>,
+    rays: Arc<Rays>,
+    robot: usize,
+    standing: Vec<Caster>,
+    still: StillPicture,
+    still_is_fine: bool,
+    sensor: Sensor,
+    gain: f32,
+    canvas: Canvas,
+}
+
+/// What moves in one picture, by pixel.
+struct Canvas {
+    light: Vec<f32>,
+    key: Vec<u32>,
+    mover: Vec<u16>,
+    depth: Vec<f32>,
+    touched: Vec<u32>,
+}
+
+impl Renderer {
+    /// A renderer for each robot, in the world's order. They share what can be shared.
+    pub fn team(world: &Arc<World>) -> Vec<Self> {
+        let scene = Arc::new(Scene::new(world));
+        let rays = Arc::new(Rays::trace(world.camera()));
+        (0..world.robots().len()).map(|robot| Self::new(world, &scene, &rays, robot)).collect()
+    }
+
+    fn new(world: &Arc<World>, scene: &Arc<Scene>, rays: &Arc<Rays>, robot: usize) -> Self {
+        let height = world.camera().height_m;
+        let first = world.at(0.0);
+        let standing = world
+            .robots()
+            .iter()
+            .enumerate()
+            .filter(|(n, r)| *n != robot && r.stands())
+            .map(|(n, _)| still::robot_caster(n as u16 + 1, first.robots[n].x_m, first.robots[n].y_m, height))
+            .collect();
+        let pixels = rays.width * rays.height;
+        let mut renderer = Self {
+            world: world.clone(),
+            scene: scene.clone(),
+            rays: rays.clone(),
+            robot,
+            standing,
+            still: StillPicture::new(rays, Stand::new(f64::NAN, 0.0, 0.0)),
+            still_is_fine: false,
+            sensor: Sensor::new(
+                world.camera().blur_px,
+                world.camera().noise_gray,
+                sensor::mix(world.seed() ^ ((robot as u64) << 56)),
+            ),
+            gain: 1.0,
+            canvas: Canvas {
+                light: vec![0.0; pixels],
+                key: vec![0; pixels],
+                mover: vec![u16::MAX; pixels],
+                depth: vec![f32::INFINITY; pixels],
+                touched: Vec::new(),
+            },
+        };
+        renderer.look_from(&first);
+        renderer.expose();
+        renderer
+    }
+
+    /// The picture at a true time.
+    pub fn render(&mut self, time_s: f64) -> Picture {
+        let state = self.world.at(time_s);
+        self.look_from(&state);
+        let movers = self.movers(&state);
+        let strength = self.scene.lights().strength(time_s);
+        for pixel in self.rays.lit.iter().map(|p| *p as usize) {
+            self.canvas.light[pixel] = self.still.glow[pixel].total(&strength);
+        }
+        self.throw_shadows(&movers, &strength);
+        let visible_fraction = self.draw(&movers);
+        self.paint(&movers, &strength);
+        self.clear();
+        Picture {
+            width: self.rays.width as u32,
+            height: self.rays.height as u32,
+            gray: self.sensor.develop(&self.canvas.light, self.rays.width, self.gain, time_s),
+            visible_fraction,
+        }
+    }
+
+    /// Only the share of each person that is seen at a true time.
+    pub fn visible_fraction(&mut self, time_s: f64) -> Vec<f64> {
+        let state = self.world.at(time_s);
+        self.look_from(&state);
+        let movers = self.movers(&state);
+        let visible = self.draw(&movers);
+        self.clear();
+        visible
+    }
+
+    /// Makes the picture of what stands still fit to where the camera is.
+    fn look_from(&mut self, state: &State) {
+        let robot = &state.robots[self.robot];
+        let stand = Stand::new(robot.x_m, robot.y_m, robot.heading_rad);
+        if self.still.stand == stand && (self.still_is_fine || robot.moving) {
+            return;
+        }
+        let still = Still::new(&self.scene, stand, &self.standing);
+        self.still.fill(&still, &self.rays, !robot.moving);
+        self.still_is_fine = !robot.moving;
+    }
+
+    /// Chooses the exposure from the empty room.
+    fn expose(&mut self) {
+        let strength = [1.0; crate::world::MAX_LAMPS];
+        let mut light: Vec<f32> =
+            self.rays.lit.iter().map(|p| self.still.glow[*p as usize].total(&strength)).collect();
+        light.sort_by(f32::total_cmp);
+        let place = (light.len() as f64 * (1.0 - BRIGHTEST_SHARE)) as usize;
+        let bright = light.get(place.min(light.len().saturating_sub(1))).copied().unwrap_or(1.0);
+        self.gain = FULL_GRAY / bright.max(1e-6);
+    }
+
+    fn movers(&self, state: &State) -> Vec<Mover> {
+        let height = self.world.camera().height_m;
+        let robots = self.world.robots().iter().enumerate().filter(|(n, r)| *n != self.robot && !r.stands());
+        let mut movers: Vec<Mover> =
+            robots.map(|(n, _)| Mover::robot(n, state.robots[n].x_m, state.robots[n].y_m, height)).collect();
+        for (n, person) in state.people.iter().enumerate() {
+            let capsules = self.world.capsules(person);
+            movers.push(Mover::person(n, &capsules, *self.world.clothes(n), person.heading_rad));
+        }
+        movers
+    }
+
+    /// Takes the light away that movers keep from what stands still.
+    fn throw_shadows(&mut self, movers: &[Mover], strength: &light::PerLamp) {
+        let lights = self.scene.lights();
+        for pixel in self.rays.lit.iter().map(|p| *p as usize) {
+            let p: V3 = self.still.point[pixel];
+            let glow = &self.still.glow[pixel];
+            for k in 0..lights.count() {
+                if glow.lamps[k] < 1e-4 {
+                    continue;
+                }
+                let mut open = 1.0;
+                for mover in movers {
+                    open *= 1.0 - mover.caster.shade(p, lights.position(k));
+                }
+                self.canvas.light[pixel] -= (1.0 - open) * glow.lamps[k] * strength[k];
+            }
+        }
+    }
+
+    /// Finds which mover every pixel's centre shows; gives the visible share of each person.
+    fn draw(&mut self, movers: &[Mover]) -> Vec<f64> {
+        let people = self.world.people_count();
+        let mut alone = vec![0u32; people];
+        let canvas = &mut self.canvas;
+        for (n, mover) in movers.iter().enumerate() {
+            for pixel in self.rays.window(&self.still.stand, &mover.caster.bound) {
+                let ray = self.still.stand.room_from_body(self.rays.ray(pixel, 0.0, 0.0));
+                let Some(hit) = mover.hit(&ray, f32::INFINITY) else { continue };
+                if let (Some(person), true) = (mover.person_index(), self.rays.is_nominal[pixel]) {
+                    alone[person] += 1;
+                }
+                if hit.t < self.still.depth[pixel].min(canvas.depth[pixel]) {
+                    if canvas.key[pixel] == 0 {
+                        canvas.touched.push(pixel as u32);
+                    }
+                    canvas.depth[pixel] = hit.t;
+                    canvas.mover[pixel] = n as u16;
+                    canvas.key[pixel] = mover.key(&hit, &ray);
+                }
+            }
+        }
+        let mut seen = vec![0u32; people];
+        for pixel in canvas.touched.iter().map(|p| *p as usize).filter(|p| self.rays.is_nominal[*p]) {
+            if let Some(person) = movers[usize::from(canvas.mover[pixel])].person_index() {
+                seen[person] += 1;
+            }
+        }
+        seen.iter().zip(alone).map(|(s, a)| if a == 0 { 0.0 } else { f64::from(*s) / f64::from(a) }).collect()
+    }
+
+    /// Gives the movers' pixels their light: one sample inside, sixteen where a pixel shows an edge.
+    fn paint(&mut self, movers: &[Mover], strength: &light::PerLamp) {
+        let casters: Vec<&Caster> = self.standing.iter().chain(movers.iter().map(|m| &m.caster)).collect();
+        let still = Still::new(&self.scene, self.still.stand, &self.standing);
+        let mut edges = Vec::new();
+        for pixel in self.canvas.touched.iter().map(|p| *p as usize) {
+            let key = self.canvas.key[pixel];
+            let mut is_edge = self.still.mixed[pixel];
+            for n in self.rays.neighbours(pixel) {
+                if self.rays.is_lit[n] && self.canvas.key[n] != key {
+                    is_edge = true;
+                    // The pixel outside the edge shows a part of it too; inside ones find themselves.
+                    if self.canvas.key[n] == 0 {
+                        edges.push(n as u32);
+                    }
+                }
+            }
+            if is_edge {
+                edges.push(pixel as u32);
+                continue;
+            }
+            let ray = self.still.stand.room_from_body(self.rays.ray(pixel, 0.0, 0.0));
+            let mover = &movers[usize::from(self.canvas.mover[pixel])];
+            if let Some(hit) = mover.hit(&ray, f32::INFINITY) {
+                self.canvas.light[pixel] = mover.glow(&hit, &ray, &self.scene, &casters).total(strength);
+            }
+        }
+        edges.sort_unstable();
+        edges.dedup();
+        for pixel in edges.into_iter().map(|p| p as usize) {
+            let light = self.edge_light(pixel, movers, &casters, &still, strength);
+            self.canvas.light[pixel] = light;
+        }
+    }
+
+    fn edge_light(
+        &self,
+        pixel: usize,
+        movers: &[Mover],
+        casters: &[&Caster],
+        still: &Still<'_>,
+        strength: &light::PerLamp,
+    ) -> f32 {
+        let bearing = self.rays.bearing[pixel];
+        let mut sum = 0.0;
+        for [du, dv] in EDGE_SAMPLES {
+            let ray = self.still.stand.room_from_body(self.rays.ray(pixel, du, dv));
+            let behind = if self.still.mixed[pixel] { Some(still.hit(&ray, bearing)) } else { None };
+            let mut limit = behind.map_or(self.still.depth[pixel], |h| h.t);
+            let mut first = None;
+            for mover in movers {
+                if let Some(hit) = mover.hit(&ray, limit) {
+                    limit = hit.t;
+                    first = Some((mover, hit));
+                }
+            }
+            sum += match (first, behind) {
+                (Some((mover, hit)), _) => mover.glow(&hit, &ray, &self.scene, casters).total(strength),
+                (None, Some(hit)) => {
+                    let mut glow: Glow = still.glow(&hit, &ray, 0.5 * self.rays.pixel_rad);
+                    let p = ray.at(hit.t);
+                    for k in 0..self.scene.lights().count() {
+                        for mover in movers {
+                            glow.lamps[k] *= 1.0 - mover.caster.shade(p, self.scene.lights().position(k));
+                        }
+                    }
+                    glow.total(strength)
+                }
+                (None, None) => self.canvas.light[pixel],
+            };
+        }
+        sum / EDGE_SAMPLES.len() as f32
+    }
+
+    fn clear(&mut self) {
+        let canvas = &mut self.canvas;
+        for pixel in canvas.touched.drain(..).map(|p| p as usize) {
+            canvas.key[pixel] = 0;
+            canvas.mover[pixel] = u16::MAX;
+            canvas.depth[pixel] = f32::INFINITY;
+        }
+    }
+}

@@ -1,1 +1,249 @@
-//! Being written.
+//! What is simulated: room, furniture, lamps, robots, people, camera, clocks, as one TOML file a person writes.
+//!
+//! A scenario and a seed fix everything: the places of the robots, the paths of the people, every pixel's noise.
+//! All keys have defaults that give the exam of the project (`scenarios/default.toml`); an unknown key or an impossible
+//! value is an error that names the key, the value and what would be right.
+
+mod camera;
+mod check;
+mod room;
+
+use std::path::{Path, PathBuf};
+
+use protocol::id::RobotId;
+use protocol::marker::{Look, Marker, Ring};
+use serde::Deserialize;
+
+pub use camera::CameraSpec;
+pub use room::{FurnitureKind, FurnitureSpec, LampSpec, RoomSpec};
+
+/// Why a scenario cannot be used.
+#[derive(Debug, thiserror::Error)]
+pub enum ScenarioError {
+    /// The file cannot be read.
+    #[error("cannot read the scenario {}: {source}; give a TOML file or one of: {}", file.display(), Scenario::BUILTIN.join(", "))]
+    Unreadable {
+        /// Which.
+        file: PathBuf,
+        /// Why.
+        source: std::io::Error,
+    },
+    /// Not TOML, or an unknown key, or a value of the wrong type.
+    #[error("{name}: {message}")]
+    Syntax {
+        /// Which file.
+        name: String,
+        /// The parser's words, with line and column.
+        message: String,
+    },
+    /// A value outside its range.
+    #[error("{name}: `{key} = {value}` is not possible; right would be {right}")]
+    Value {
+        /// Which file.
+        name: String,
+        /// Dotted key.
+        key: String,
+        /// As read.
+        value: String,
+        /// What would be right.
+        right: String,
+    },
+}
+
+/// A whole scenario, checked.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Scenario {
+    /// For reports.
+    pub name: String,
+    /// Length of the run. 0.1 … 3600.
+    pub duration_s: f64,
+    /// Used where the command line gives none.
+    #[serde(default)]
+    pub seed: u64,
+    /// Size, paint, furniture, lamps.
+    #[serde(default)]
+    pub room: RoomSpec,
+    /// The robots and their ways.
+    #[serde(default)]
+    pub robots: RobotsSpec,
+    /// The people.
+    #[serde(default)]
+    pub people: PeopleSpec,
+    /// Frame times and clocks.
+    #[serde(default)]
+    pub capture: CaptureSpec,
+    /// The PAL camera on every robot.
+    #[serde(default)]
+    pub camera: CameraSpec,
+}
+
+/// Robots of one look.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct RobotsSpec {
+    /// How many, named r1, r2, …: 1 … 16.
+    pub count: usize,
+    /// Fixed poses [x m, y m, heading °] for the first robots; the seed places the rest.
+    pub poses: Vec<[f64; 3]>,
+    /// Least distance between two robots, metres.
+    pub apart_m: f64,
+    /// Largest distance between two robots, metres.
+    pub within_m: f64,
+    /// Who drives when.
+    pub drives: Vec<DriveSpec>,
+}
+
+impl Default for RobotsSpec {
+    fn default() -> Self {
+        Self { count: 3, poses: Vec::new(), apart_m: 1.2, within_m: 4.5, drives: Vec::new() }
+    }
+}
+
+/// A straight drive forward, then a turn on the spot, smoothly, without odometry.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct DriveSpec {
+    /// Which robot, e.g. "r2".
+    pub robot: RobotId,
+    /// Beginning.
+    pub start_s: f64,
+    /// End.
+    pub end_s: f64,
+    /// Forward. 0 … 6.
+    pub distance_m: f64,
+    /// At the end of the way, counter-clockwise.
+    pub turn_deg: f64,
+}
+
+/// People who walk, stop, meet and part.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct PeopleSpec {
+    /// How many: 0 … 16.
+    pub count: usize,
+    /// Smallest and largest standing height.
+    pub height_m: [f64; 2],
+    /// Usual walking speed.
+    pub speed_mps: f64,
+    /// How long each one stops, once or more.
+    pub stop_s: f64,
+    /// How many of them wear clothes within 15 grey levels of what is mostly behind them (the last ones).
+    pub camouflaged: usize,
+    /// Fixed places [x m, y m] where the first people stand all the time.
+    pub standing: Vec<[f64; 2]>,
+}
+
+impl Default for PeopleSpec {
+    fn default() -> Self {
+        Self { count: 4, height_m: [1.55, 1.9], speed_mps: 1.0, stop_s: 10.0, camouflaged: 1, standing: Vec::new() }
+    }
+}
+
+/// When pictures are taken and what the robots' clocks say.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct CaptureSpec {
+    /// Frames a second: 0.1 … 100.
+    pub rate_hz: f64,
+    /// Each frame is early or late by up to this much, milliseconds. The phase of each robot is random.
+    pub jitter_ms: f64,
+    /// Each robot's clock is off by up to this much, milliseconds, constant.
+    pub clock_offset_ms: f64,
+}
+
+impl Default for CaptureSpec {
+    fn default() -> Self {
+        Self { rate_hz: 10.0, jitter_ms: 10.0, clock_offset_ms: 20.0 }
+    }
+}
+
+impl Scenario {
+    /// Names of the scenarios inside the program.
+    pub const BUILTIN: [&'static str; 3] = ["default", "tiny", "moving_start"];
+
+    /// A scenario inside the program.
+    pub fn builtin(name: &str) -> Option<Result<Self, ScenarioError>> {
+        let text = match name {
+            "default" => include_str!("../scenarios/default.toml"),
+            "tiny" => include_str!("../scenarios/tiny.toml"),
+            "moving_start" => include_str!("../scenarios/moving_start.toml"),
+            _ => return None,
+        };
+        Some(Self::parse(text, name))
+    }
+
+    /// From a file, or by the name of a scenario inside the program.
+    pub fn load(path: &Path) -> Result<Self, ScenarioError> {
+        match std::fs::read_to_string(path) {
+            Ok(text) => Self::parse(&text, &path.display().to_string()),
+            Err(source) => path
+                .to_str()
+                .and_then(Self::builtin)
+                .unwrap_or_else(|| Err(ScenarioError::Unreadable { file: path.to_owned(), source })),
+        }
+    }
+
+    /// From text; `name` appears in errors.
+    pub fn parse(text: &str, name: &str) -> Result<Self, ScenarioError> {
+        let scenario: Self = toml::from_str(text)
+            .map_err(|e| ScenarioError::Syntax { name: name.to_owned(), message: e.to_string() })?;
+        check::check(&scenario).map_err(|fault| ScenarioError::Value {
+            name: name.to_owned(),
+            key: fault.key,
+            value: fault.value,
+            right: fault.right,
+        })?;
+        Ok(scenario)
+    }
+
+    /// The robots' ids: r1, r2, …
+    pub fn robot_ids(&self) -> Vec<RobotId> {
+        (1..=self.robots.count).filter_map(|n| RobotId::new(&format!("r{n}")).ok()).collect()
+    }
+
+    /// The calibration file that every agent gets: the truth about the simulated camera.
+    pub fn camera_toml(&self) -> String {
+        self.camera.toml()
+    }
+
+    /// What every robot wears.
+    pub fn marker(&self) -> Marker {
+        use crate::world::body;
+        let rings = body::RINGS.iter().map(|r| Ring { height_m: r.height_m, reflectance: r.reflectance }).collect();
+        Marker::Cylinder { radius_m: body::RADIUS_M, height_m: body::PAINTED_M, look: Some(Look { rings }) }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_scenario_inside_the_program_is_valid() {
+        for name in Scenario::BUILTIN {
+            Scenario::builtin(name).unwrap().unwrap();
+        }
+    }
+
+    #[test]
+    fn an_unknown_key_is_named() {
+        let error = Scenario::parse("name = \"x\"\nduration_s = 1.0\ncolour = 3\n", "x.toml").unwrap_err();
+        let text = error.to_string();
+        assert!(text.contains("x.toml") && text.contains("colour") && text.contains("line 3"), "{text}");
+    }
+
+    #[test]
+    fn an_impossible_value_is_named_with_what_would_be_right() {
+        let text = "name = \"x\"\nduration_s = 1.0\n[people]\nheight_m = [155.0, 190.0]\n";
+        let text = Scenario::parse(text, "x.toml").unwrap_err().to_string();
+        assert!(text.contains("people.height_m") && text.contains("155") && text.contains("metres"), "{text}");
+    }
+
+    #[test]
+    fn a_drive_of_a_robot_that_does_not_exist_is_refused() {
+        let text = "name = \"x\"\nduration_s = 9.0\n[[robots.drives]]\nrobot = \"r7\"\nstart_s = 1.0\nend_s = 5.0\ndistance_m = 1.0\nturn_deg = 0.0\n";
+        let text = Scenario::parse(text, "x.toml").unwrap_err().to_string();
+        assert!(text.contains("robots.drives") && text.contains("r7"), "{text}");
+    }
+}

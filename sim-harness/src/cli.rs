@@ -1,0 +1,3 @@
+//! The subcommands of the program, one a file: arguments and what they do.
+
+pub mod record;

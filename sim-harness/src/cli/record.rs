@@ -1,0 +1,303 @@
+//! `sim-harness record`: images and truth of a scenario as files, ready for one `robot-agent run` a robot.
+//!
+//! ```text
+//! OUT/truth.jsonl               a line every 50 ms of true time from 0
+//! OUT/markers.json              what the robots wear
+//! OUT/leader.toml
+//! OUT/{robot}/frames/NNNNNN.png
+//! OUT/{robot}/frames/frames.csv file,capture_ns on the robot's own clock, counted from the team's common zero
+//! OUT/{robot}/camera.toml
+//! OUT/{robot}/agent.toml
+//! ```
+
+use std::fs;
+use std::io::Write;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+use image::ImageEncoder;
+use image::codecs::png::{CompressionType, FilterType, PngEncoder};
+use indicatif::ProgressBar;
+
+use crate::render::{Picture, Renderer};
+use crate::scenario::{Scenario, ScenarioError};
+use crate::world::robot::START_STAMP_S;
+use crate::world::{World, WorldError};
+
+mod truth;
+
+/// Time between two lines of truth.
+const TRUTH_STEP_S: f64 = 0.05;
+
+/// Arguments of `record`.
+#[derive(Debug, Clone, clap::Args)]
+pub struct RecordArgs {
+    /// A scenario file, or the name of a scenario inside the program: default, tiny, moving_start
+    scenario: PathBuf,
+    /// Folder to write to; made if it is not there
+    #[arg(long, value_name = "DIR")]
+    out: PathBuf,
+    /// Another seed than the scenario's
+    #[arg(long)]
+    seed: Option<u64>,
+    /// Only the first seconds of the scenario
+    #[arg(long, value_name = "SECONDS")]
+    duration: Option<f64>,
+    /// How to report: text or json
+    #[arg(long, value_enum, default_value_t = Format::Text)]
+    format: Format,
+}
+
+/// How a command reports.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+pub enum Format {
+    /// For people.
+    Text,
+    /// One JSON object.
+    Json,
+}
+
+/// Why nothing was recorded.
+#[derive(Debug, thiserror::Error)]
+pub enum RecordError {
+    /// The scenario.
+    #[error(transparent)]
+    Scenario(#[from] ScenarioError),
+    /// Its world.
+    #[error("{scenario}: {source}")]
+    World {
+        /// Name of the scenario.
+        scenario: String,
+        /// Why.
+        source: WorldError,
+    },
+    /// An option.
+    #[error("--duration {0}: more than 0 seconds")]
+    Duration(f64),
+    /// A file.
+    #[error("cannot write {}: {source}", file.display())]
+    Unwritable {
+        /// Which.
+        file: PathBuf,
+        /// Why.
+        source: std::io::Error,
+    },
+    /// A picture.
+    #[error("cannot write {}: {source}", file.display())]
+    Image {
+        /// Which.
+        file: PathBuf,
+        /// Why.
+        source: image::ImageError,
+    },
+}
+
+/// Does it; gives the exit code.
+#[allow(clippy::print_stderr)]
+pub fn run(args: &RecordArgs) -> u8 {
+    match record(args) {
+        Ok(summary) => {
+            println!("{summary}");
+            0
+        }
+        Err(error) => {
+            eprintln!("sim-harness record: {error}");
+            match error {
+                RecordError::Unwritable { .. } | RecordError::Image { .. } => 1,
+                _ => 2,
+            }
+        }
+    }
+}
+
+fn record(args: &RecordArgs) -> Result<String, RecordError> {
+    let scenario = Scenario::load(&args.scenario)?;
+    let duration_s = match args.duration {
+        Some(wanted) if wanted.is_nan() || wanted <= 0.0 => return Err(RecordError::Duration(wanted)),
+        wanted => wanted.unwrap_or(f64::INFINITY).min(scenario.duration_s),
+    };
+    let seed = args.seed.unwrap_or(scenario.seed);
+    let world = World::new(&scenario, seed)
+        .map_err(|source| RecordError::World { scenario: scenario.name.clone(), source })?;
+    let world = Arc::new(world);
+    let out = &args.out;
+    make_folder(out)?;
+    write(&out.join("markers.json"), &json_lines([&scenario.marker()]))?;
+    write(&out.join("leader.toml"), &leader_toml(world.robots().len()))?;
+    let jobs: Vec<Job> = Renderer::team(&world)
+        .into_iter()
+        .enumerate()
+        .map(|(robot, renderer)| Job { robot, renderer, visible: Vec::new() })
+        .collect();
+    let total: usize = world.robots().iter().map(|r| captures(r, duration_s).count()).sum();
+    let progress = ProgressBar::new(total as u64);
+    let jobs = work(jobs, |job| {
+        let robot = &world.robots()[job.robot];
+        let folder = out.join(robot.id.as_str());
+        make_folder(&folder.join("frames"))?;
+        write(&folder.join("camera.toml"), scenario.camera_toml().as_bytes())?;
+        write(&folder.join("agent.toml"), agent_toml(robot.id.as_str(), &scenario).as_bytes())?;
+        let mut table = String::from("file,capture_ns\n");
+        for (n, capture) in captures(robot, duration_s).enumerate() {
+            let name = format!("{n:06}.png");
+            let picture = job.renderer.render(capture.true_time_s);
+            write_png(&folder.join("frames").join(&name), &picture)?;
+            table.push_str(&format!("{name},{}\n", capture.stamp.0));
+            progress.inc(1);
+        }
+        write(&folder.join("frames").join("frames.csv"), table.as_bytes())?;
+        let ticks = (duration_s / TRUTH_STEP_S + 1e-9) as usize;
+        job.visible = (0..=ticks).map(|i| job.renderer.visible_fraction(i as f64 * TRUTH_STEP_S)).collect();
+        Ok(())
+    })?;
+    progress.finish_and_clear();
+    let visible: Vec<Vec<Vec<f64>>> = jobs.into_iter().map(|j| j.visible).collect();
+    let lines = (0..visible.first().map_or(0, Vec::len)).map(|i| {
+        let state = world.at(i as f64 * TRUTH_STEP_S);
+        truth::line(&state, |robot, person| visible[robot][i][person])
+    });
+    write(&out.join("truth.jsonl"), &json_lines(lines))?;
+    Ok(match args.format {
+        Format::Text => format!(
+            "{} with seed {seed}: {total} pictures of {} robots in {duration_s} s, truth every {TRUTH_STEP_S} s, in {}",
+            scenario.name,
+            world.robots().len(),
+            out.display()
+        ),
+        Format::Json => serde_json::json!({
+            "scenario": scenario.name, "seed": seed, "duration_s": duration_s, "pictures": total,
+            "robots": world.robots().iter().map(|r| r.id.to_string()).collect::<Vec<_>>(),
+            "out": out.display().to_string(), "start_stamp_s": START_STAMP_S,
+        })
+        .to_string(),
+    })
+}
+
+struct Job {
+    robot: usize,
+    renderer: Renderer,
+    visible: Vec<Vec<f64>>,
+}
+
+fn captures(robot: &crate::world::Robot, duration_s: f64) -> impl Iterator<Item = &crate::world::Capture> {
+    robot.captures.iter().take_while(move |c| c.true_time_s <= duration_s)
+}
+
+/// Works all jobs on as many threads as there are processors; the first error wins.
+fn work(
+    jobs: Vec<Job>,
+    each: impl Fn(&mut Job) -> Result<(), RecordError> + Sync,
+) -> Result<Vec<Job>, RecordError> {
+    let threads = std::thread::available_parallelism().map_or(1, usize::from).min(jobs.len()).max(1);
+    let next = AtomicUsize::new(0);
+    let slots: Vec<_> = jobs.into_iter().map(|job| std::sync::Mutex::new((job, Ok(())))).collect();
+    std::thread::scope(|scope| {
+        for _ in 0..threads {
+            scope.spawn(|| {
+                while let Some(slot) = slots.get(next.fetch_add(1, Ordering::Relaxed)) {
+                    if let Ok(mut slot) = slot.lock() {
+                        let result = each(&mut slot.0);
+                        slot.1 = result;
+                    }
+                }
+            });
+        }
+    });
+    slots
+        .into_iter()
+        .filter_map(|slot| slot.into_inner().ok())
+        .map(|(job, result)| result.map(|()| job))
+        .collect()
+}
+
+fn make_folder(folder: &Path) -> Result<(), RecordError> {
+    fs::create_dir_all(folder).map_err(|source| RecordError::Unwritable { file: folder.to_owned(), source })
+}
+
+fn write(file: &Path, bytes: &[u8]) -> Result<(), RecordError> {
+    fs::write(file, bytes).map_err(|source| RecordError::Unwritable { file: file.to_owned(), source })
+}
+
+fn write_png(file: &Path, picture: &Picture) -> Result<(), RecordError> {
+    let unwritable = |source| RecordError::Unwritable { file: file.to_owned(), source };
+    let mut out = std::io::BufWriter::new(fs::File::create(file).map_err(unwritable)?);
+    PngEncoder::new_with_quality(&mut out, CompressionType::Fast, FilterType::Up)
+        .write_image(&picture.gray, picture.width, picture.height, image::ExtendedColorType::L8)
+        .map_err(|source| RecordError::Image { file: file.to_owned(), source })?;
+    out.flush().map_err(unwritable)
+}
+
+fn json_lines<T: serde::Serialize>(values: impl IntoIterator<Item = T>) -> Vec<u8> {
+    let mut out = Vec::new();
+    for value in values {
+        out.extend(serde_json::to_vec(&value).unwrap_or_default());
+        out.push(b'\n');
+    }
+    out
+}
+
+fn agent_toml(id: &str, scenario: &Scenario) -> String {
+    let marker = match scenario.marker() {
+        protocol::marker::Marker::Cylinder { radius_m, height_m: [low, high], look } => {
+            let rings: Vec<String> = look
+                .iter()
+                .flat_map(|l| &l.rings)
+                .map(|r| format!("{{ height_m = [{:?}, {:?}], reflectance = {:?} }}", r.height_m[0], r.height_m[1], r.reflectance))
+                .collect();
+            format!(
+                "{{ kind = \"cylinder\", radius_m = {radius_m:?}, height_m = [{low:?}, {high:?}], look = {{ rings = [{}] }} }}",
+                rings.join(", ")
+            )
+        }
+        other => format!("{other:?}"),
+    };
+    format!(
+        "[robot]\nid = \"{id}\"\nteam = \"demo\"\ncamera = \"camera.toml\"\nmarker = {marker}\n\n[capture]\nsource = \"frames\"\nreplay_start = \"leader\"\n"
+    )
+}
+
+fn leader_toml(robots: usize) -> Vec<u8> {
+    format!("[leader]\nid = \"l1\"\nteam = \"demo\"\n\n[replay]\nrobots = {robots}\n").into_bytes()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn args(out: &Path, seed: u64) -> RecordArgs {
+        RecordArgs {
+            scenario: "tiny".into(),
+            out: out.to_owned(),
+            seed: Some(seed),
+            duration: Some(0.3),
+            format: Format::Json,
+        }
+    }
+
+    fn bytes(out: &Path) -> Vec<u8> {
+        let mut all = fs::read(out.join("truth.jsonl")).unwrap();
+        for file in ["r1/frames/frames.csv", "r1/frames/000001.png", "r2/frames/000000.png"] {
+            all.extend(fs::read(out.join(file)).unwrap());
+        }
+        all
+    }
+
+    #[test]
+    fn the_same_seed_gives_the_same_bytes_and_another_seed_others() {
+        let folders = [(); 3].map(|()| tempfile::tempdir().unwrap());
+        for (folder, seed) in folders.iter().zip([7, 7, 8]) {
+            record(&args(folder.path(), seed)).unwrap();
+        }
+        let [a, b, c] = folders.map(|f| bytes(f.path()));
+        assert!(a == b);
+        assert!(a != c);
+    }
+
+    #[test]
+    fn an_impossible_duration_is_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        let args = RecordArgs { duration: Some(-1.0), ..args(folder.path(), 1) };
+        assert!(record(&args).unwrap_err().to_string().contains("--duration -1"));
+    }
+}

@@ -1,0 +1,132 @@
+//! What moves: people and driving robots, drawn over the picture of what stands still, with their shadows.
+
+use super::light::Caster;
+use super::scene::{Glow, Scene};
+use super::still::{robot_caster, robot_glow, robot_key};
+use crate::world::person::{COVERS, PARTS};
+use crate::world::solid::{Capsule, Upright};
+use crate::world::vector::{Ray, V3};
+use crate::world::wardrobe::Clothes;
+use crate::world::MAX_LAMPS;
+
+/// Body numbers of people begin here; robots are numbered from 1.
+pub const FIRST_PERSON: u16 = 0x100;
+
+/// Somebody or something that moves.
+#[derive(Debug, Clone)]
+pub struct Mover {
+    /// Shape.
+    pub caster: Caster,
+    clothes: Option<Clothes>,
+    turn: [f32; 2],
+}
+
+/// Where a ray meets a mover.
+#[derive(Debug, Clone, Copy)]
+pub struct MoverHit {
+    /// Along the ray.
+    pub t: f32,
+    part: usize,
+    normal: Option<V3>,
+}
+
+impl Mover {
+    /// A driving robot.
+    pub fn robot(index: usize, x_m: f64, y_m: f64, camera_height_m: f64) -> Self {
+        Self { caster: robot_caster(index as u16 + 1, x_m, y_m, camera_height_m), clothes: None, turn: [1.0, 0.0] }
+    }
+
+    /// A person.
+    pub fn person(index: usize, capsules: &[Capsule; PARTS], clothes: Clothes, heading_rad: f64) -> Self {
+        let bound = round(capsules);
+        let caster = Caster {
+            body: FIRST_PERSON + index as u16,
+            bound,
+            capsules: capsules.to_vec(),
+            uprights: Vec::new(),
+        };
+        Self { caster, clothes: Some(clothes), turn: [heading_rad.cos() as f32, heading_rad.sin() as f32] }
+    }
+
+    /// Which person it is.
+    pub fn person_index(&self) -> Option<usize> {
+        self.caster.body.checked_sub(FIRST_PERSON).map(usize::from)
+    }
+
+    /// Nearest meeting with a ray of the room, nearer than `limit`.
+    #[inline]
+    pub fn hit(&self, ray: &Ray, limit: f32) -> Option<MoverHit> {
+        let mut best: Option<MoverHit> = None;
+        let mut limit = limit;
+        for (part, capsule) in self.caster.capsules.iter().enumerate() {
+            if let Some(t) = capsule.hit(ray, limit) {
+                limit = t;
+                best = Some(MoverHit { t, part, normal: None });
+            }
+        }
+        for (part, upright) in self.caster.uprights.iter().enumerate() {
+            if let Some((t, normal)) = upright.hit(ray, limit) {
+                limit = t;
+                best = Some(MoverHit { t, part, normal: Some(normal) });
+            }
+        }
+        best
+    }
+
+    /// Distinguishes surfaces between which a pixel shows an edge; never 0.
+    #[inline]
+    pub fn key(&self, hit: &MoverHit, ray: &Ray) -> u32 {
+        match hit.normal {
+            Some(normal) => robot_key(usize::from(self.caster.body), hit.part, ray.at(hit.t).z, normal.z),
+            None => (u32::from(self.caster.body) << 8) + COVERS[hit.part] as u32 + 1,
+        }
+    }
+
+    /// What the met point sends to the camera. `others` throw shadows on it.
+    pub fn glow(&self, hit: &MoverHit, ray: &Ray, scene: &Scene, others: &[&Caster]) -> Glow {
+        let p = ray.at(hit.t);
+        let mut glow = match (hit.normal, &self.clothes) {
+            (Some(normal), _) => robot_glow(scene, hit.part, p, normal),
+            (None, Some(clothes)) => self.person_glow(hit.part, clothes, p, scene),
+            (None, None) => Glow::default(),
+        };
+        for k in 0..scene.lights().count() {
+            let lamp = scene.lights().position(k);
+            for other in others.iter().filter(|c| c.body != self.caster.body) {
+                glow.lamps[k] *= 1.0 - other.shade(p, lamp);
+            }
+        }
+        glow
+    }
+
+    fn person_glow(&self, part: usize, clothes: &Clothes, p: V3, scene: &Scene) -> Glow {
+        let capsule = &self.caster.capsules[part];
+        let (share, normal) = capsule.surface(p);
+        let own = normal.turned(self.turn[0], -self.turn[1]);
+        let along = share * (capsule.b - capsule.a).length() + own.z * capsule.radius;
+        let reflectance = clothes.reflectance(part, COVERS[part], along, own);
+        // Arms and trunk keep some of the lamps' light from what is below them.
+        let top = self.caster.bound.high;
+        let open = 0.62 + 0.38 * (p.z / top).clamp(0.0, 1.0);
+        let mut glow = Glow { ambient: reflectance * scene.lights().ambient(normal) * open, lamps: [0.0; MAX_LAMPS] };
+        for k in 0..scene.lights().count() {
+            glow.lamps[k] = reflectance * open * scene.lights().direct(k, p, normal);
+        }
+        glow
+    }
+}
+
+/// The upright cylinder round a body.
+fn round(capsules: &[Capsule; PARTS]) -> Upright {
+    let ends = || capsules.iter().flat_map(|c| [(c.a, c.radius), (c.b, c.radius)]);
+    let (mut low, mut high) = (f32::INFINITY, 0.0f32);
+    let (mut x, mut y) = (0.0, 0.0);
+    for (p, r) in ends() {
+        low = low.min(p.z - r);
+        high = high.max(p.z + r);
+        x += p.x / (2 * PARTS) as f32;
+        y += p.y / (2 * PARTS) as f32;
+    }
+    let radius = ends().map(|(p, r)| (p.x - x).hypot(p.y - y) + r).fold(0.0, f32::max);
+    Upright { x, y, radius, low: low.max(0.0), high }
+}

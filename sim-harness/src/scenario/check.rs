@@ -1,0 +1,95 @@
+//! Ranges of a scenario's values.
+
+use super::Scenario;
+
+/// A value that is not possible.
+pub(super) struct Fault {
+    pub key: String,
+    pub value: String,
+    pub right: String,
+}
+
+fn within(key: &str, value: f64, low: f64, high: f64, unit: &str) -> Result<(), Fault> {
+    if value >= low && value <= high {
+        return Ok(());
+    }
+    Err(Fault { key: key.into(), value: value.to_string(), right: format!("{low} to {high} {unit}").trim_end().into() })
+}
+
+fn count(key: &str, value: usize, low: usize, high: usize) -> Result<(), Fault> {
+    within(key, value as f64, low as f64, high as f64, "")
+}
+
+pub(super) fn check(s: &Scenario) -> Result<(), Fault> {
+    within("duration_s", s.duration_s, 0.1, 3600.0, "seconds")?;
+    let [x, y, z] = s.room.size_m;
+    within("room.size_m[0]", x, 2.0, 30.0, "metres")?;
+    within("room.size_m[1]", y, 2.0, 30.0, "metres")?;
+    within("room.size_m[2]", z, 2.0, 6.0, "metres")?;
+    within("room.ambient", s.room.ambient, 0.0, 10.0, "")?;
+    count("room.lamps (their number)", s.room.lamps.len(), 1, crate::world::MAX_LAMPS)?;
+    for (n, lamp) in s.room.lamps.iter().enumerate() {
+        within(&format!("room.lamps[{n}].position_m[0]"), lamp.position_m[0], -x / 2.0, x / 2.0, "metres")?;
+        within(&format!("room.lamps[{n}].position_m[1]"), lamp.position_m[1], -y / 2.0, y / 2.0, "metres")?;
+        within(&format!("room.lamps[{n}].power"), lamp.power, 0.0, 100.0, "")?;
+        within(&format!("room.lamps[{n}].flicker"), lamp.flicker, 0.0, 0.5, "")?;
+    }
+    count("room.furniture (its number)", s.room.furniture.len(), 0, 64)?;
+    for (n, piece) in s.room.furniture.iter().enumerate() {
+        let key = format!("room.furniture[{n}]");
+        within(&format!("{key}.position_m[0]"), piece.position_m[0], -x / 2.0, x / 2.0, "metres")?;
+        within(&format!("{key}.position_m[1]"), piece.position_m[1], -y / 2.0, y / 2.0, "metres")?;
+        within(&format!("{key}.yaw_deg"), piece.yaw_deg, -360.0, 360.0, "degrees")?;
+        for size in piece.size_m.unwrap_or([1.0; 3]) {
+            within(&format!("{key}.size_m"), size, 0.0, 10.0, "metres")?;
+        }
+    }
+    robots(s)?;
+    count("people.count", s.people.count, 0, 16)?;
+    within("people.height_m", s.people.height_m[0], 1.0, 2.2, "metres")?;
+    within("people.height_m", s.people.height_m[1], s.people.height_m[0], 2.2, "metres")?;
+    within("people.speed_mps", s.people.speed_mps, 0.1, 3.0, "metres a second")?;
+    within("people.stop_s", s.people.stop_s, 0.0, 3600.0, "seconds")?;
+    count("people.camouflaged", s.people.camouflaged, 0, s.people.count)?;
+    count("people.standing (their number)", s.people.standing.len(), 0, s.people.count)?;
+    within("capture.rate_hz", s.capture.rate_hz, 0.1, 100.0, "Hz")?;
+    within("capture.jitter_ms", s.capture.jitter_ms, 0.0, 400.0 / s.capture.rate_hz, "milliseconds")?;
+    within("capture.clock_offset_ms", s.capture.clock_offset_ms, 0.0, 900.0, "milliseconds")?;
+    camera(s)
+}
+
+fn robots(s: &Scenario) -> Result<(), Fault> {
+    count("robots.count", s.robots.count, 1, 16)?;
+    count("robots.poses (their number)", s.robots.poses.len(), 0, s.robots.count)?;
+    within("robots.apart_m", s.robots.apart_m, 0.5, 10.0, "metres")?;
+    within("robots.within_m", s.robots.within_m, s.robots.apart_m, 50.0, "metres")?;
+    for (n, drive) in s.robots.drives.iter().enumerate() {
+        let key = format!("robots.drives[{n}]");
+        if !s.robot_ids().contains(&drive.robot) {
+            let names = s.robot_ids().iter().map(ToString::to_string).collect::<Vec<_>>().join(", ");
+            return Err(Fault { key: format!("{key}.robot"), value: drive.robot.to_string(), right: names });
+        }
+        within(&format!("{key}.start_s"), drive.start_s, -60.0, s.duration_s, "seconds")?;
+        within(&format!("{key}.end_s"), drive.end_s, drive.start_s + 0.5, 3600.0, "seconds")?;
+        within(&format!("{key}.distance_m"), drive.distance_m, 0.0, 6.0, "metres")?;
+        within(&format!("{key}.turn_deg"), drive.turn_deg, -360.0, 360.0, "degrees")?;
+    }
+    Ok(())
+}
+
+fn camera(s: &Scenario) -> Result<(), Fault> {
+    let c = &s.camera;
+    for side in c.image_size_px {
+        within("camera.image_size_px", f64::from(side), 64.0, 2048.0, "pixels")?;
+    }
+    within("camera.ellipsoid_c_mm", c.ellipsoid_c_mm, 0.01, c.ellipsoid_a_mm * 0.999, "mm (below ellipsoid_a_mm)")?;
+    within("camera.hyperboloid_a_mm", c.hyperboloid_a_mm, 0.01, c.hyperboloid_c_mm * 0.999, "mm (below hyperboloid_c_mm)")?;
+    within("camera.focal_length_px", c.focal_length_px, 1.0, 1e5, "pixels")?;
+    within("camera.refraction_eccentricity", c.refraction_eccentricity, 0.0, 0.99, "")?;
+    within("camera.refractive_index", c.refractive_index, 1.0, 3.0, "")?;
+    within("camera.elevation_deg", c.elevation_deg[0], -60.0, c.elevation_deg[1] - 1.0, "degrees")?;
+    within("camera.elevation_deg", c.elevation_deg[1], -59.0, 80.0, "degrees")?;
+    within("camera.height_m", c.height_m, 0.52, 2.0, "metres (above the body)")?;
+    within("camera.noise_gray", c.noise_gray, 0.0, 50.0, "grey levels")?;
+    within("camera.blur_px", c.blur_px, 0.0, 2.0, "pixels")
+}

@@ -1,0 +1,125 @@
+//! Where robots stand and drive, by the seed: far enough from walls, furniture and each other, all in sight of each other,
+//! and in a layout that three unnamed robots can make sense of: not nearly in a line, not nearly equilateral.
+
+use nalgebra::Vector2;
+use protocol::id::RobotId;
+use rand::{Rng, RngExt};
+
+use super::WorldError;
+use super::floor::Floor;
+use super::robot::Robot;
+use crate::scenario::{DriveSpec, RobotsSpec};
+
+/// Of a robot's axis from walls and furniture where it stands.
+const STANDING_MARGIN_M: f64 = 0.6;
+/// Of a robot's axis from walls and furniture while it drives.
+const DRIVING_MARGIN_M: f64 = 0.4;
+/// Of lines of sight from furniture.
+const SIGHT_MARGIN_M: f64 = 0.28;
+/// Of a driving robot's axis from another robot's.
+const PASSING_MARGIN_M: f64 = 0.9;
+/// Least angle of any triangle of robots.
+const LEAST_ANGLE_RAD: f64 = 0.35;
+/// Least ratio of the longest to the shortest side of a triangle of robots.
+const LEAST_RATIO: f64 = 1.12;
+const LAYOUTS: usize = 4000;
+const TRIES: usize = 60;
+
+/// First pose and drives of each robot.
+pub(super) fn place(
+    spec: &RobotsSpec,
+    ids: &[RobotId],
+    floor: &Floor,
+    rng: &mut impl Rng,
+) -> Result<Vec<Robot>, WorldError> {
+    for _ in 0..LAYOUTS {
+        let mut robots: Vec<Robot> = Vec::new();
+        for (n, id) in ids.iter().enumerate() {
+            let drives: Vec<DriveSpec> = spec.drives.iter().filter(|d| d.robot == *id).cloned().collect();
+            let fixed = spec.poses.get(n).map(|[x, y, h]| [*x, *y, h.to_radians()]);
+            let tries = if fixed.is_some() { 1 } else { TRIES };
+            let found = (0..tries).find_map(|_| {
+                let half = floor.half();
+                let random = [
+                    rng.random_range(-half.x..half.x),
+                    rng.random_range(-half.y..half.y),
+                    rng.random_range(-std::f64::consts::PI..std::f64::consts::PI),
+                ];
+                let robot = Robot {
+                    id: *id,
+                    clock_offset_s: 0.0,
+                    captures: Vec::new(),
+                    first_pose: fixed.unwrap_or(random),
+                    drives: drives.clone(),
+                };
+                (fixed.is_some() || fits(&robot, &robots, spec, floor)).then_some(robot)
+            });
+            match found {
+                Some(robot) => robots.push(robot),
+                None => break,
+            }
+        }
+        if robots.len() == ids.len() {
+            return Ok(robots);
+        }
+    }
+    Err(WorldError::NoRoomForRobots { count: ids.len(), apart_m: spec.apart_m, within_m: spec.within_m })
+}
+
+fn fits(robot: &Robot, others: &[Robot], spec: &RobotsSpec, floor: &Floor) -> bool {
+    let stations = robot.stations();
+    stations.iter().all(|p| floor.clearance(*p) >= STANDING_MARGIN_M)
+        && stations.windows(2).all(|w| floor.is_clear(w[0], w[1], DRIVING_MARGIN_M))
+        && others.iter().all(|other| {
+            let theirs = other.stations();
+            theirs.iter().all(|q| {
+                stations.iter().all(|p| {
+                    let apart = (p - q).norm();
+                    apart >= spec.apart_m && apart <= spec.within_m && floor.is_clear(*p, *q, SIGHT_MARGIN_M)
+                })
+            }) && pass(&stations, &theirs)
+        })
+        && triangles(&stations, others)
+}
+
+/// Whether the ways keep apart (seen as whole lines, whoever drives first).
+fn pass(ours: &[Vector2<f64>], theirs: &[Vector2<f64>]) -> bool {
+    let along = |s: &[Vector2<f64>]| -> Vec<Vector2<f64>> {
+        let mut points = s.to_vec();
+        for w in s.windows(2) {
+            points.extend((0..=20).map(|i| w[0] + (w[1] - w[0]) * (f64::from(i) / 20.0)));
+        }
+        points
+    };
+    let theirs = along(theirs);
+    along(ours).iter().all(|p| theirs.iter().all(|q| (p - q).norm() >= PASSING_MARGIN_M))
+}
+
+/// Whether every triangle with two of the others is well shaped, wherever each of the three stands.
+fn triangles(stations: &[Vector2<f64>], others: &[Robot]) -> bool {
+    let ends = |s: &[Vector2<f64>]| -> Vec<Vector2<f64>> {
+        let mut ends = vec![s[0]];
+        if s.len() > 1 {
+            ends.push(s[s.len() - 1]);
+        }
+        ends
+    };
+    others.iter().enumerate().all(|(i, a)| {
+        others[..i].iter().all(|b| {
+            ends(&a.stations()).iter().all(|a| {
+                ends(&b.stations()).iter().all(|b| ends(stations).iter().all(|c| is_well_shaped([*a, *b, *c])))
+            })
+        })
+    })
+}
+
+fn is_well_shaped(corners: [Vector2<f64>; 3]) -> bool {
+    let side = |i: usize| (corners[(i + 1) % 3] - corners[(i + 2) % 3]).norm();
+    let angle = |i: usize| {
+        let (a, b) = (corners[(i + 1) % 3] - corners[i], corners[(i + 2) % 3] - corners[i]);
+        (a.dot(&b) / (a.norm() * b.norm())).clamp(-1.0, 1.0).acos()
+    };
+    let sides = [side(0), side(1), side(2)];
+    let (low, high) = sides.iter().fold((f64::INFINITY, 0.0f64), |(l, h), s| (l.min(*s), h.max(*s)));
+    (0..3).all(|i| angle(i) >= LEAST_ANGLE_RAD) && high / low >= LEAST_RATIO
+}
