@@ -158,8 +158,7 @@ impl Renderer {
     /// Chooses the exposure from the empty room.
     fn expose(&mut self) {
         let strength = [1.0; crate::world::MAX_LAMPS];
-        let mut light: Vec<f32> =
-            self.rays.lit.iter().map(|p| self.still.glow[*p as usize].total(&strength)).collect();
+        let mut light: Vec<f32> = self.rays.lit.iter().map(|p| self.still.glow[*p as usize].total(&strength)).collect();
         light.sort_by(f32::total_cmp);
         let place = (light.len() as f64 * (1.0 - BRIGHTEST_SHARE)) as usize;
         let bright = light.get(place.min(light.len().saturating_sub(1))).copied().unwrap_or(1.0);

@@ -127,7 +127,10 @@ impl World {
             let grid = Grid::new(&floor, &keep_out(&robots), WALKER_MARGIN_M);
             let walks = walk::walk(people, &heights_m, &robots, &grid, scenario.duration_s, &mut rng);
             let Some(walks) = walks else { continue };
-            if people.standing.is_empty() && scenario.duration_s >= 30.0 && !all_seams_crossed(&robots, &walks, people.count, scenario.duration_s) {
+            if people.standing.is_empty()
+                && scenario.duration_s >= 30.0
+                && !all_seams_crossed(&robots, &walks, people.count, scenario.duration_s)
+            {
                 continue;
             }
             for robot in &mut robots {

@@ -118,8 +118,8 @@ fn record(args: &RecordArgs) -> Result<String, RecordError> {
         wanted => wanted.unwrap_or(f64::INFINITY).min(scenario.duration_s),
     };
     let seed = args.seed.unwrap_or(scenario.seed);
-    let world = World::new(&scenario, seed)
-        .map_err(|source| RecordError::World { scenario: scenario.name.clone(), source })?;
+    let world =
+        World::new(&scenario, seed).map_err(|source| RecordError::World { scenario: scenario.name.clone(), source })?;
     let world = Arc::new(world);
     let out = &args.out;
     make_folder(out)?;
@@ -185,10 +185,7 @@ fn captures(robot: &crate::world::Robot, duration_s: f64) -> impl Iterator<Item 
 }
 
 /// Works all jobs on as many threads as there are processors; the first error wins.
-fn work(
-    jobs: Vec<Job>,
-    each: impl Fn(&mut Job) -> Result<(), RecordError> + Sync,
-) -> Result<Vec<Job>, RecordError> {
+fn work(jobs: Vec<Job>, each: impl Fn(&mut Job) -> Result<(), RecordError> + Sync) -> Result<Vec<Job>, RecordError> {
     let threads = std::thread::available_parallelism().map_or(1, usize::from).min(jobs.len()).max(1);
     let next = AtomicUsize::new(0);
     let slots: Vec<_> = jobs.into_iter().map(|job| std::sync::Mutex::new((job, Ok(())))).collect();
@@ -204,11 +201,7 @@ fn work(
             });
         }
     });
-    slots
-        .into_iter()
-        .filter_map(|slot| slot.into_inner().ok())
-        .map(|(job, result)| result.map(|()| job))
-        .collect()
+    slots.into_iter().filter_map(|slot| slot.into_inner().ok()).map(|(job, result)| result.map(|()| job)).collect()
 }
 
 fn make_folder(folder: &Path) -> Result<(), RecordError> {
@@ -243,7 +236,12 @@ fn agent_toml(id: &str, scenario: &Scenario) -> String {
             let rings: Vec<String> = look
                 .iter()
                 .flat_map(|l| &l.rings)
-                .map(|r| format!("{{ height_m = [{:?}, {:?}], reflectance = {:?} }}", r.height_m[0], r.height_m[1], r.reflectance))
+                .map(|r| {
+                    format!(
+                        "{{ height_m = [{:?}, {:?}], reflectance = {:?} }}",
+                        r.height_m[0], r.height_m[1], r.reflectance
+                    )
+                })
                 .collect();
             format!(
                 "{{ kind = \"cylinder\", radius_m = {radius_m:?}, height_m = [{low:?}, {high:?}], look = {{ rings = [{}] }} }}",

@@ -94,7 +94,8 @@ impl Lights {
                 continue;
             }
             let from = p + normal * 1e-3;
-            let seen = (0..DISC_POINTS).filter(|i| !is_blocked(from, self.position(k) + disc_point(*i), blocks)).count();
+            let seen =
+                (0..DISC_POINTS).filter(|i| !is_blocked(from, self.position(k) + disc_point(*i), blocks)).count();
             *out = whole * seen as f32 / DISC_POINTS as f32;
         }
         out

@@ -3,11 +3,11 @@
 use super::light::Caster;
 use super::scene::{Glow, Scene};
 use super::still::{robot_caster, robot_glow, robot_key};
+use crate::world::MAX_LAMPS;
 use crate::world::person::{COVERS, PARTS};
 use crate::world::solid::{Capsule, Upright};
 use crate::world::vector::{Ray, V3};
 use crate::world::wardrobe::Clothes;
-use crate::world::MAX_LAMPS;
 
 /// Body numbers of people begin here; robots are numbered from 1.
 pub const FIRST_PERSON: u16 = 0x100;
@@ -39,12 +39,8 @@ impl Mover {
     /// A person.
     pub fn person(index: usize, capsules: &[Capsule; PARTS], clothes: Clothes, heading_rad: f64) -> Self {
         let bound = round(capsules);
-        let caster = Caster {
-            body: FIRST_PERSON + index as u16,
-            bound,
-            capsules: capsules.to_vec(),
-            uprights: Vec::new(),
-        };
+        let caster =
+            Caster { body: FIRST_PERSON + index as u16, bound, capsules: capsules.to_vec(), uprights: Vec::new() };
         Self { caster, clothes: Some(clothes), turn: [heading_rad.cos() as f32, heading_rad.sin() as f32] }
     }
 

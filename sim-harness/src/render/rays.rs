@@ -191,9 +191,8 @@ impl Stand {
 
 /// Radii of the picture at which the highest and the lowest direction of the design are seen, by bisection on traced rays.
 fn rim_radii(pal: &Pal, spec: &CameraSpec) -> (f64, f64) {
-    let elevation = |r: f64| {
-        pal.trace(spec.centre_px[0] + r, spec.centre_px[1]).map(|t| t.direction.z.asin().to_degrees())
-    };
+    let elevation =
+        |r: f64| pal.trace(spec.centre_px[0] + r, spec.centre_px[1]).map(|t| t.direction.z.asin().to_degrees());
     let find = |wanted: f64| {
         let (mut low, mut high) = (1.0, f64::from(spec.image_size_px[0].max(spec.image_size_px[1])));
         for _ in 0..60 {
@@ -220,7 +219,9 @@ mod tests {
             for (du, dv) in [(0.0, 0.0), (0.375, -0.125), (-0.2, 0.4)] {
                 let mixed = rays.ray(*pixel as usize, du, dv).direction;
                 let exact = pal.trace(u as f64 + f64::from(du), v as f64 + f64::from(dv)).unwrap().direction;
-                let off = (f64::from(mixed.x) - exact.x).hypot(f64::from(mixed.y) - exact.y).hypot(f64::from(mixed.z) - exact.z);
+                let off = (f64::from(mixed.x) - exact.x)
+                    .hypot(f64::from(mixed.y) - exact.y)
+                    .hypot(f64::from(mixed.z) - exact.z);
                 assert!(off < 1e-3 * pixel_rad, "{off}");
             }
         }

@@ -84,7 +84,11 @@ impl Scene {
             let seed = seed ^ (0x1000 + face as u32);
             let paint = |u: f32, v: f32| {
                 let hanging = world.hangings().iter().rev().find(|h| {
-                    h.wall == face && u >= h.corner[0] && v >= h.corner[1] && u < h.corner[0] + h.size[0] && v < h.corner[1] + h.size[1]
+                    h.wall == face
+                        && u >= h.corner[0]
+                        && v >= h.corner[1]
+                        && u < h.corner[0] + h.size[0]
+                        && v < h.corner[1] + h.size[1]
                 });
                 match (hanging, face) {
                     (Some(h), _) => h.paint.reflectance(seed, u - h.corner[0], v - h.corner[1], h.size),
@@ -275,7 +279,8 @@ impl Patch {
         let (i, j, fx, fy) = split(x, y, *columns, *rows);
         let (i1, j1) = ((i + 1).min(columns - 1), (j + 1).min(rows - 1));
         let (low, high) = (j * columns, j1 * columns);
-        (map[low + i] * (1.0 - fx) + map[low + i1] * fx) * (1.0 - fy) + (map[high + i] * (1.0 - fx) + map[high + i1] * fx) * fy
+        (map[low + i] * (1.0 - fx) + map[low + i1] * fx) * (1.0 - fy)
+            + (map[high + i] * (1.0 - fx) + map[high + i1] * fx) * fy
     }
 
     #[inline(always)]

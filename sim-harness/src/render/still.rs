@@ -200,7 +200,8 @@ impl StillPicture {
             }
         }
         for pixel in rays.lit.iter().map(|p| *p as usize) {
-            self.mixed[pixel] = rays.neighbours(pixel).into_iter().any(|n| rays.is_lit[n] && self.key[n] != self.key[pixel]);
+            self.mixed[pixel] =
+                rays.neighbours(pixel).into_iter().any(|n| rays.is_lit[n] && self.key[n] != self.key[pixel]);
             let samples: &[[f32; 2]] = match (self.mixed[pixel], fine) {
                 (true, _) => &EDGE_SAMPLES,
                 (false, true) => &INNER_SAMPLES,

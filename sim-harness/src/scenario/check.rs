@@ -83,7 +83,13 @@ fn camera(s: &Scenario) -> Result<(), Fault> {
         within("camera.image_size_px", f64::from(side), 64.0, 2048.0, "pixels")?;
     }
     within("camera.ellipsoid_c_mm", c.ellipsoid_c_mm, 0.01, c.ellipsoid_a_mm * 0.999, "mm (below ellipsoid_a_mm)")?;
-    within("camera.hyperboloid_a_mm", c.hyperboloid_a_mm, 0.01, c.hyperboloid_c_mm * 0.999, "mm (below hyperboloid_c_mm)")?;
+    within(
+        "camera.hyperboloid_a_mm",
+        c.hyperboloid_a_mm,
+        0.01,
+        c.hyperboloid_c_mm * 0.999,
+        "mm (below hyperboloid_c_mm)",
+    )?;
     within("camera.focal_length_px", c.focal_length_px, 1.0, 1e5, "pixels")?;
     within("camera.refraction_eccentricity", c.refraction_eccentricity, 0.0, 0.99, "")?;
     within("camera.refractive_index", c.refractive_index, 1.0, 3.0, "")?;

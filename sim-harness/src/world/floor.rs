@@ -154,9 +154,10 @@ impl Grid {
     pub fn ahead(&self, field: &Field, p: Vector2<f64>, ahead: f64) -> Vector2<f64> {
         let mut i = self.cell(p);
         for _ in 0..(ahead / CELL_M).ceil() as usize {
-            let best = self.neighbours(i).filter(|(j, _)| field.cost[*j].is_finite()).min_by(|(a, da), (b, db)| {
-                (field.cost[*a] + da * CELL_M).total_cmp(&(field.cost[*b] + db * CELL_M))
-            });
+            let best = self
+                .neighbours(i)
+                .filter(|(j, _)| field.cost[*j].is_finite())
+                .min_by(|(a, da), (b, db)| (field.cost[*a] + da * CELL_M).total_cmp(&(field.cost[*b] + db * CELL_M)));
             match best {
                 Some((j, _)) if field.cost[j] < field.cost[i] => i = j,
                 _ => break,

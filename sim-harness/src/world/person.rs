@@ -140,8 +140,7 @@ mod tests {
     #[test]
     fn the_centroid_stays_over_the_feet_while_walking() {
         for n in 0..20 {
-            let gait =
-                Gait { x_m: 1.0, y_m: 2.0, heading_rad: 0.7, phase_rad: 0.3 * f64::from(n), swing_rad: 0.42 };
+            let gait = Gait { x_m: 1.0, y_m: 2.0, heading_rad: 0.7, phase_rad: 0.3 * f64::from(n), swing_rad: 0.42 };
             let c = centroid(&capsules(&gait, 1.8));
             assert!((c.x - 1.0).hypot(c.y - 2.0) < 0.08, "{c:?}");
             assert!(c.z > 0.8 && c.z < 1.1, "{c:?}");

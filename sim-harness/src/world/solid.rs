@@ -40,9 +40,8 @@ impl Block {
         let o = self.local(ray.origin);
         let d = ray.direction.turned(self.turn[0], -self.turn[1]);
         let (mut near, mut far, mut face) = (0.0f32, limit, FACES);
-        for (axis, (o, d, h)) in [(o.x, d.x, self.half.x), (o.y, d.y, self.half.y), (o.z, d.z, self.half.z)]
-            .into_iter()
-            .enumerate()
+        for (axis, (o, d, h)) in
+            [(o.x, d.x, self.half.x), (o.y, d.y, self.half.y), (o.z, d.z, self.half.z)].into_iter().enumerate()
         {
             let inverse = 1.0 / d;
             let (a, b) = ((-h - o) * inverse, (h - o) * inverse);
@@ -171,10 +170,7 @@ impl Capsule {
 
     /// Volume.
     pub fn volume(&self) -> f32 {
-        std::f32::consts::PI
-            * self.radius
-            * self.radius
-            * ((self.b - self.a).length() + 4.0 / 3.0 * self.radius)
+        std::f32::consts::PI * self.radius * self.radius * ((self.b - self.a).length() + 4.0 / 3.0 * self.radius)
     }
 }
 

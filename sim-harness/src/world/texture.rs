@@ -33,7 +33,9 @@ impl Paint {
     pub fn reflectance(self, seed: u32, u: f32, v: f32, size: [f32; 2]) -> f32 {
         let s = seed;
         match self {
-            Self::Plaster(base) => base * (1.0 + 0.10 * cloud(s, u * 1.1, v * 1.1) + 0.06 * cloud(s ^ 7, u * 9.0, v * 9.0)),
+            Self::Plaster(base) => {
+                base * (1.0 + 0.10 * cloud(s, u * 1.1, v * 1.1) + 0.06 * cloud(s ^ 7, u * 9.0, v * 9.0))
+            }
             Self::Wood(base) => {
                 let board = (v / 0.11).floor();
                 let tone = 0.12 * cell(s, board as i32, 3);
@@ -73,7 +75,9 @@ impl Paint {
             Self::Door => {
                 let frame = u < 0.07 || u > size[0] - 0.07 || v > size[1] - 0.07;
                 let handle = (u - (size[0] - 0.17)).abs() < 0.06 && (v - 1.03).abs() < 0.018;
-                let panel = edge((v - 0.3).max(0.0), 0.75, 0.02) > 0.0 || (u - 0.2).abs() < 0.01 || (u - size[0] + 0.2).abs() < 0.01;
+                let panel = edge((v - 0.3).max(0.0), 0.75, 0.02) > 0.0
+                    || (u - 0.2).abs() < 0.01
+                    || (u - size[0] + 0.2).abs() < 0.01;
                 if handle {
                     0.75
                 } else if frame {
@@ -82,7 +86,9 @@ impl Paint {
                     (if panel { 0.24 } else { 0.36 }) * (1.0 + 0.18 * cloud(s, u * 20.0, v * 1.6))
                 }
             }
-            Self::Fabric(base) => base * (1.0 + 0.20 * cloud(s, u * 7.0, v * 7.0) + 0.15 * cloud(s ^ 1, u * 23.0, v * 23.0)),
+            Self::Fabric(base) => {
+                base * (1.0 + 0.20 * cloud(s, u * 7.0, v * 7.0) + 0.15 * cloud(s ^ 1, u * 23.0, v * 23.0))
+            }
             Self::Panels(base) => {
                 let seam = edge(u, 0.6, 0.02).max(edge(v, 0.6, 0.02));
                 base * (1.0 + 0.05 * cloud(s, u * 6.0, v * 6.0)) * (1.0 - 0.45 * seam)
@@ -122,7 +128,8 @@ fn edge(x: f32, period: f32, width: f32) -> f32 {
 
 /// A number in −1 … 1 for a cell of a grid.
 pub fn cell(seed: u32, i: i32, j: i32) -> f32 {
-    let mut h = seed.wrapping_mul(0x9e37_79b9) ^ (i as u32).wrapping_mul(0x85eb_ca6b) ^ (j as u32).wrapping_mul(0xc2b2_ae35);
+    let mut h =
+        seed.wrapping_mul(0x9e37_79b9) ^ (i as u32).wrapping_mul(0x85eb_ca6b) ^ (j as u32).wrapping_mul(0xc2b2_ae35);
     h ^= h >> 15;
     h = h.wrapping_mul(0x2c1b_3c6d);
     h ^= h >> 12;

@@ -33,7 +33,10 @@ enum Task {
     Go(Vector2<f64>),
     Stand(f64),
     /// Go there, wait for the partner, talk.
-    Meet { at: Vector2<f64>, partner: usize },
+    Meet {
+        at: Vector2<f64>,
+        partner: usize,
+    },
 }
 
 struct Walker {

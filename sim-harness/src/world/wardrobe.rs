@@ -59,7 +59,9 @@ impl Clothes {
     /// Reflectance on part number `part` with this cover: `along` in metres along the part, `normal` in the body's axes.
     #[inline]
     pub fn reflectance(&self, part: usize, cover: Cover, along: f32, normal: V3) -> f32 {
-        let mottle = |scale: f32| cloud(self.seed ^ part as u32, along * scale + normal.z * 1.3, normal.x * 1.7 + normal.y * 2.9);
+        let mottle = |scale: f32| {
+            cloud(self.seed ^ part as u32, along * scale + normal.z * 1.3, normal.x * 1.7 + normal.y * 2.9)
+        };
         let r = match cover {
             Cover::Skin if part == 0 && (normal.z > 0.35 || normal.x < -0.1) => self.hair,
             Cover::Skin => self.skin,
