@@ -1,12 +1,249 @@
 //! `robot-agent track`.
 
+use std::io::{self, IsTerminal, Write};
+use std::path::{Path, PathBuf};
+
+use indicatif::{ProgressBar, ProgressStyle};
+use protocol::message::{ElevationEnd, TrackState};
+use protocol::time::Timestamp;
+use robot_agent::agent::Frame;
+use robot_agent::capture::{self, CaptureOptions};
+use robot_agent::motion::{BackgroundState, Change, MotionSettings, MotionStage, Raster};
+use robot_agent::optics::MountedCamera;
+use robot_agent::panorama::{Lut, PanoramaGeometry};
+use robot_agent::picture::{Gallery, encode_jpeg, encode_png};
+use robot_agent::tracking::{TrackView, Tracker, TrackerSettings, View};
+use serde_json::{Value, json};
+
 use super::Failure;
 
-/// Offline: frames in, one JSON line a frame out.
+/// Follows what moves in recorded frames: one JSON line a frame on standard output, pictures to a folder. Nothing is skipped.
 #[derive(Debug, clap::Args)]
-pub(super) struct Arguments {}
+pub(super) struct Arguments {
+    /// A folder of images, a .y4m file, or a video that ffmpeg decodes.
+    input: PathBuf,
+    /// The camera file (camera.toml). Pictures of a pinhole camera are tested as they are, all others as a panorama.
+    #[arg(long, value_name = "FILE")]
+    camera: PathBuf,
+    /// Where pictures go: mask/NNNNNN.png of every frame, panorama/NNNNNN.jpg, and at the end background, objects, tracks,
+    /// synopsis and gaze.
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
+    /// Frames from one annotated picture to the next.
+    #[arg(long, value_name = "N", default_value_t = 10)]
+    every: u64,
+    /// Frame rate, for a folder that does not say.
+    #[arg(long, value_name = "HZ")]
+    frame_rate_hz: Option<f64>,
+    /// The camera is on a robot that may drive (a panoramic one is taken to be).
+    #[arg(long)]
+    may_drive: bool,
+}
 
 /// Runs the command.
-pub(super) fn execute(_arguments: &Arguments) -> Result<(), Failure> {
-    Err(Failure::job("`track` is not built yet"))
+pub(super) fn execute(arguments: &Arguments) -> Result<(), Failure> {
+    if let Some(rate) = arguments.frame_rate_hz
+        && !(rate > 0.0 && rate <= 1000.0)
+    {
+        return Err(Failure::usage(format!("--frame-rate-hz {rate}: must be above 0 and at most 1000")));
+    }
+    let camera = MountedCamera::load(&arguments.camera).map_err(Failure::usage)?;
+    let options = CaptureOptions {
+        image_size_px: Some(camera.image_size_px()),
+        frame_rate_hz: arguments.frame_rate_hz,
+        first_capture: None,
+    };
+    let mut source = capture::open(&arguments.input, options).map_err(Failure::job)?;
+    for remark in source.remarks() {
+        tracing::warn!("{remark}");
+    }
+    let mut pipeline = Offline::new(camera, arguments.may_drive)?;
+    if let Some(dir) = &arguments.out {
+        create_folder(&dir.join("mask"))?;
+        create_folder(&dir.join("panorama"))?;
+    }
+    let progress = progress_bar(source.frames());
+    let mut output = io::stdout().lock();
+    let (mut index, mut first, mut bad) = (0u64, None, 0u64);
+    while let Some(frame) = source.next_frame() {
+        progress.inc(1);
+        let line = match frame {
+            Ok(frame) => {
+                let first = *first.get_or_insert(frame.capture);
+                let change = pipeline.step(&frame)?;
+                if let Some(dir) = &arguments.out {
+                    pipeline.write_pictures(dir, index, arguments.every.max(1))?;
+                }
+                pipeline.line(index, frame.capture, first, &change)
+            }
+            Err(error) => {
+                bad += 1;
+                tracing::warn!("frame {index}: {error}");
+                json!({ "frame": index, "time_s": null, "error": error.to_string(), "objects": [] })
+            }
+        };
+        writeln!(output, "{line}")?;
+        index += 1;
+    }
+    progress.finish_and_clear();
+    if let Some(dir) = &arguments.out {
+        pipeline.write_last_pictures(dir)?;
+    }
+    if index == bad {
+        return Err(Failure::job(format!("{}: not one frame could be used", arguments.input.display())));
+    }
+    Ok(())
+}
+
+/// All stages without a clock.
+struct Offline {
+    camera: MountedCamera,
+    /// `None`: the picture itself is tested.
+    lut: Option<Lut>,
+    raster: Raster,
+    motion: MotionStage,
+    tracker: Tracker,
+    gallery: Gallery,
+    tested: Vec<u8>,
+    last_frame: Vec<u8>,
+    tracks: Vec<TrackView>,
+}
+
+impl Offline {
+    fn new(camera: MountedCamera, may_drive: bool) -> Result<Self, Failure> {
+        let panoramic = camera.camera().is_panoramic();
+        let (lut, raster, view, valid) = if panoramic {
+            let geometry = PanoramaGeometry::for_camera(&camera).map_err(Failure::usage)?;
+            let lut = Lut::panorama(&camera, &geometry);
+            let raster = Raster { width: geometry.width() as usize, height: geometry.height() as usize, wraps: true };
+            let valid: Vec<u8> = lut.valid().iter().map(|&v| u8::from(v)).collect();
+            (Some(lut), raster, View::panorama(geometry, &camera), Some(valid))
+        } else {
+            let [w, h] = camera.image_size_px().map(|n| n as usize);
+            let valid = camera.mask().map(|m| m.tested.iter().map(|&t| u8::from(t)).collect());
+            (None, Raster { width: w, height: h, wraps: false }, View::image(camera.clone()), valid)
+        };
+        let settings = MotionSettings { own_motion: panoramic || may_drive, ..MotionSettings::default() };
+        let motion = MotionStage::new(raster, valid.as_deref(), settings).map_err(Failure::usage)?;
+        Ok(Self {
+            camera,
+            lut,
+            raster,
+            motion,
+            tracker: Tracker::new(raster, view, TrackerSettings::default()),
+            gallery: Gallery::new(raster),
+            tested: vec![0; raster.len()],
+            last_frame: Vec::new(),
+            tracks: Vec::new(),
+        })
+    }
+
+    fn step(&mut self, frame: &Frame) -> Result<Change, Failure> {
+        match &self.lut {
+            Some(lut) => lut.unwarp(&frame.gray, &mut self.tested).map_err(Failure::job)?,
+            None => self.tested.clone_from(&frame.gray),
+        }
+        self.last_frame.clone_from(&frame.gray);
+        let change = self.motion.change(&self.tested, frame.capture).map_err(Failure::job)?;
+        self.motion.extract();
+        if change.background == BackgroundState::Ready {
+            self.tracker.step(&self.motion.scene(), frame.capture, &[]);
+            self.motion.learn(self.tracker.holds());
+        } else {
+            self.tracker.suspend(frame.capture);
+        }
+        self.tracks = self.tracker.tracks();
+        self.gallery.record(&self.motion, &self.tracks);
+        Ok(change)
+    }
+
+    fn line(&self, index: u64, capture: Timestamp, first: Timestamp, change: &Change) -> Value {
+        let background = match change.background {
+            BackgroundState::Suspended => "suspended",
+            BackgroundState::Building => "building",
+            BackgroundState::Ready => "ready",
+        };
+        json!({
+            "frame": index,
+            "time_s": capture.seconds_since(first),
+            "motion": format!("{:?}", change.motion).to_lowercase(),
+            "alarm": change.alarm.as_ref().map(|a| format!("{a:?}")),
+            "background": background,
+            "objects": self.tracks.iter().map(object).collect::<Vec<_>>(),
+        })
+    }
+
+    fn write_pictures(&self, dir: &Path, index: u64, every: u64) -> Result<(), Failure> {
+        let mask: Vec<u8> = self.motion.scene().mask.iter().map(|&m| m * 255).collect();
+        let path = dir.join(format!("mask/{index:06}.png"));
+        image::GrayImage::from_raw(self.raster.width as u32, self.raster.height as u32, mask)
+            .ok_or_else(|| Failure::job("the mask has another size than the picture"))?
+            .save(&path)
+            .map_err(|e| Failure::job(format!("{}: cannot write the mask: {e}", path.display())))?;
+        if index.is_multiple_of(every) {
+            let picture = self.gallery.panorama(&self.tested, &self.tracks, self.tracker.view());
+            let bytes = encode_jpeg(&picture, 85).map_err(Failure::job)?;
+            write_file(&dir.join(format!("panorama/{index:06}.jpg")), &bytes)?;
+        }
+        Ok(())
+    }
+
+    fn write_last_pictures(&self, dir: &Path) -> Result<(), Failure> {
+        let pictures = [
+            ("background.png", self.gallery.background(&self.motion)),
+            ("objects.png", self.gallery.objects(&self.motion)),
+            ("tracks.png", self.gallery.tracks(&self.motion)),
+            ("synopsis.png", self.gallery.synopsis(&self.motion)),
+            ("gaze.png", self.gallery.gaze(&self.last_frame, &self.camera, &self.tracks)),
+        ];
+        for (name, picture) in pictures {
+            write_file(&dir.join(name), &encode_png(&picture).map_err(Failure::job)?)?;
+        }
+        Ok(())
+    }
+}
+
+fn object(track: &TrackView) -> Value {
+    let end = |e: ElevationEnd| match e {
+        ElevationEnd::Seen => "seen",
+        ElevationEnd::Cut => "cut",
+        ElevationEnd::Hidden => "hidden",
+    };
+    let state = match track.state {
+        TrackState::Visible => "visible",
+        TrackState::Merged => "merged",
+        TrackState::Hidden => "hidden",
+    };
+    json!({
+        "track": track.id.0,
+        "state": state,
+        "class": format!("{:?}", track.class).to_lowercase(),
+        "bearing_deg": track.bearing_rad.to_degrees(),
+        "bearing_sigma_deg": track.bearing_sigma_rad.to_degrees(),
+        "elevation_deg": track.extent.elevation_rad.map(f64::to_degrees),
+        "ends": track.extent.ends.map(end),
+        "box": [track.arc.start, track.rows[0], track.arc.width, track.rows[1] - track.rows[0] + 1],
+        "area_px": track.area_px,
+        "range_m": track.extent.range.map(|r| r.range_m),
+        "range_sigma_m": track.extent.range.map(|r| r.sigma_m),
+        "confidence": track.confidence,
+    })
+}
+
+fn create_folder(path: &Path) -> Result<(), Failure> {
+    std::fs::create_dir_all(path)
+        .map_err(|e| Failure::job(format!("{}: cannot create the folder: {e}", path.display())))
+}
+
+fn write_file(path: &Path, bytes: &[u8]) -> Result<(), Failure> {
+    std::fs::write(path, bytes).map_err(|e| Failure::job(format!("{}: cannot write: {e}", path.display())))
+}
+
+fn progress_bar(frames: Option<u64>) -> ProgressBar {
+    if !io::stderr().is_terminal() || io::stdout().is_terminal() {
+        return ProgressBar::hidden();
+    }
+    let bar = frames.map_or_else(ProgressBar::new_spinner, ProgressBar::new);
+    let style = ProgressStyle::with_template("{bar:40} {pos}/{len} frames, {per_sec}, {eta} left");
+    bar.with_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()))
 }
