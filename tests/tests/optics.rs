@@ -1,6 +1,8 @@
 //! The agent's closed-form optics against rays that the renderer traces from surface to surface. The two share no
 //! formula: what both say is so.
 
+#![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
+
 use nalgebra::{Vector2, Vector3};
 use robot_agent::optics::{CameraFile, MountedCamera};
 use sim_harness::render::pal::Pal;
