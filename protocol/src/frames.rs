@@ -1,6 +1,7 @@
 //! Poses in the plane. `team_from_body` maps body coordinates to team coordinates, so products read left to right:
 //! `team_from_a * a_from_b = team_from_b`.
 
+use std::f64::consts::PI;
 use std::ops::Mul;
 
 use bincode::{Decode, Encode};
@@ -61,12 +62,14 @@ impl Pose2 {
     /// Whether it may travel: finite, heading in (−π, π] (a little more for rounding).
     pub(crate) fn validate(&self, field: &'static str) -> Result<(), Invalid> {
         check::all_finite(field, &[self.x_m, self.y_m])?;
-        check::in_range(field, self.heading_rad, -3.1416, 3.1416)
+        check::in_range(field, self.heading_rad, -PI - 1e-6, PI + 1e-6)
     }
 }
 
 impl Mul for Pose2 {
     type Output = Self;
+    // Angles add: that is what the composition of rotations is.
+    #[allow(clippy::suspicious_arithmetic_impl)]
     fn mul(self, inner: Self) -> Self {
         let p = self.transform(inner.position());
         Self::new(p.x, p.y, self.heading_rad + inner.heading_rad)

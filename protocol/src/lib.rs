@@ -12,8 +12,11 @@ pub mod key;
 pub mod latency;
 pub mod marker;
 pub mod message;
+pub mod meter;
 pub mod quantity;
 pub mod time;
+#[cfg(feature = "zenoh")]
+pub mod transport;
 
 #[doc = include_str!("../ERRATA.md")]
 pub mod errata {}

@@ -11,6 +11,8 @@ pub mod map;
 pub mod observation;
 pub mod picture;
 pub mod replay;
+#[cfg(test)]
+pub(crate) mod samples;
 
 pub use alarm::{Alarm, AlarmKind};
 pub use announcement::{Announcement, CameraSummary};
