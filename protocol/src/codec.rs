@@ -21,6 +21,8 @@ mod error;
 
 pub use error::{DecodeError, EncodeError, Invalid};
 pub(crate) mod check;
+#[cfg(test)]
+mod tests;
 
 use bincode::{Decode, Encode};
 

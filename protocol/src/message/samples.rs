@@ -228,3 +228,8 @@ pub(crate) fn guidance() -> Guidance {
         error_there_m: 0.05,
     }
 }
+
+pub(crate) fn replay_start() -> ReplayStart {
+    let at = |ns| Timestamp(NOON.0 + ns);
+    ReplayStart { probe_sent: NOON, received: at(1000), replied: at(2000), start: Some(at(3_000_000_000)) }
+}
