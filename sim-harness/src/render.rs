@@ -191,9 +191,12 @@ impl Renderer {
             for k in 0..lights.count() {
                 let lamp = lights.position(k);
                 shading.clear();
-                shading.extend(casters.iter().enumerate().filter_map(|(n, caster)| {
-                    caster.parts_shading(*middle, *radius, lamp).map(|parts| (n, parts))
-                }));
+                shading.extend(
+                    casters
+                        .iter()
+                        .enumerate()
+                        .filter_map(|(n, caster)| caster.parts_shading(*middle, *radius, lamp).map(|parts| (n, parts))),
+                );
                 if shading.is_empty() {
                     continue;
                 }

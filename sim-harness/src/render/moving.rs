@@ -85,12 +85,8 @@ impl Mover {
         let bound = &self.caster.bound;
         let distance = (bound.x - ray.origin.x).hypot(bound.y - ray.origin.y);
         let grown = (distance + bound.radius) * spread_rad;
-        let round = Upright {
-            radius: bound.radius + grown,
-            low: bound.low - grown,
-            high: bound.high + grown,
-            ..*bound
-        };
+        let round =
+            Upright { radius: bound.radius + grown, low: bound.low - grown, high: bound.high + grown, ..*bound };
         if distance > round.radius && round.hit(ray, f32::INFINITY).is_none() {
             return;
         }
