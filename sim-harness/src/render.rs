@@ -20,7 +20,7 @@ use crate::world::vector::V3;
 use crate::world::{State, World};
 use light::Caster;
 use moving::Mover;
-use rays::{Rays, Stand};
+use rays::{Rays, Stand, TILE_PX};
 use scene::{Glow, Scene};
 use sensor::Sensor;
 use still::{EDGE_SAMPLES, ROBOT_KEYS, Still, StillPicture};
@@ -187,7 +187,7 @@ impl Renderer {
         let standing: &[Caster] = if self.still.is_fine { &[] } else { &self.standing };
         let casters: Vec<&Caster> = movers.iter().map(|m| &m.caster).chain(standing).collect();
         let mut shading = Vec::new();
-        for (tile, (middle, radius)) in self.rays.tiles.iter().zip(&self.still.balls) {
+        for (tile, (middle, radius, is_plain)) in self.rays.tiles.iter().zip(&self.still.balls) {
             for k in 0..lights.count() {
                 let lamp = lights.position(k);
                 shading.clear();
@@ -200,19 +200,32 @@ impl Renderer {
                 if shading.is_empty() {
                     continue;
                 }
-                for pixel in tile.iter().map(|p| *p as usize) {
-                    let lit = self.still.glow[pixel].lamps[k] * strength[k];
-                    if lit < 1e-4 {
-                        continue;
-                    }
+                // Shadows are soft: where a whole tile shows one surface, one test serves four pixels.
+                let coarse = *is_plain && tile.len() == TILE_PX * TILE_PX;
+                let open_at = |pixel: usize| {
                     let p: V3 = self.still.point[pixel];
                     let is_robot = self.still.key[pixel] >= ROBOT_KEYS;
-                    let mut open = 1.0;
-                    for (n, parts) in &shading {
-                        if !(is_robot && *n >= movers.len()) {
-                            open *= 1.0 - casters[*n].shade_by(*parts, p, lamp);
-                        }
+                    shading
+                        .iter()
+                        .filter(|(n, _)| !(is_robot && *n >= movers.len()))
+                        .fold(1.0, |open, (n, parts)| open * (1.0 - casters[*n].shade_by(*parts, p, lamp)))
+                };
+                let mut blocks = [0.0f32; TILE_PX * TILE_PX / 4];
+                if coarse {
+                    for (n, open) in blocks.iter_mut().enumerate() {
+                        let (column, row) = (n % (TILE_PX / 2), n / (TILE_PX / 2));
+                        *open = open_at(tile[2 * row * TILE_PX + 2 * column] as usize);
                     }
+                }
+                for (n, pixel) in tile.iter().map(|p| *p as usize).enumerate() {
+                    let lit = self.still.glow[pixel].lamps[k] * strength[k];
+                    let open = if coarse {
+                        blocks[n / TILE_PX / 2 * (TILE_PX / 2) + n % TILE_PX / 2]
+                    } else if lit > 1e-4 {
+                        open_at(pixel)
+                    } else {
+                        1.0
+                    };
                     self.canvas.light[pixel] -= (1.0 - open) * lit;
                 }
             }

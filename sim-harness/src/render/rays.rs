@@ -14,7 +14,7 @@ const RIM_PX: f64 = 3.0;
 /// Sectors of bearing by which pixels are sorted.
 const SECTORS: usize = 720;
 /// Edge of a tile.
-const TILE_PX: usize = 8;
+pub const TILE_PX: usize = 8;
 /// Windows are drawn this much wider than the solid: rays start up to 2 cm off the axis.
 const MARGIN_M: f32 = 0.025;
 

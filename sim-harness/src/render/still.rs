@@ -117,10 +117,12 @@ impl<'a> Still<'a> {
 pub const ROBOT_KEYS: u32 = 0x1_0000;
 
 /// A ball round the points of some pixels.
-fn ball(pixels: &[u32], points: &[V3]) -> (V3, f32) {
+fn ball(pixels: &[u32], points: &[V3], keys: &[u32]) -> (V3, f32, bool) {
     let share = 1.0 / pixels.len().max(1) as f32;
     let middle = pixels.iter().fold(V3::default(), |sum, p| sum + points[*p as usize] * share);
-    (middle, pixels.iter().map(|p| (points[*p as usize] - middle).length()).fold(0.0, f32::max))
+    let radius = pixels.iter().map(|p| (points[*p as usize] - middle).length()).fold(0.0, f32::max);
+    let is_plain = pixels.windows(2).all(|w| keys[w[0] as usize] == keys[w[1] as usize]);
+    (middle, radius, is_plain)
 }
 
 /// Distinguishes the painted parts of robots.
@@ -186,8 +188,8 @@ pub struct StillPicture {
     pub glow: Vec<Glow>,
     /// Whether more than one surface shows in the pixel.
     pub mixed: Vec<bool>,
-    /// Middle and radius of the ball round all points of each tile of pixels.
-    pub balls: Vec<(V3, f32)>,
+    /// Middle and radius of the ball round all points of each tile of pixels, and whether the tile shows one surface.
+    pub balls: Vec<(V3, f32, bool)>,
     /// Whether the standing robots' shadows are in `glow`.
     pub is_fine: bool,
 }
@@ -225,7 +227,7 @@ impl StillPicture {
             }
         }
         self.balls.clear();
-        self.balls.extend(rays.tiles.iter().map(|tile| ball(tile, &self.point)));
+        self.balls.extend(rays.tiles.iter().map(|tile| ball(tile, &self.point, &self.key)));
         for pixel in rays.lit.iter().map(|p| *p as usize) {
             self.mixed[pixel] =
                 rays.neighbours(pixel).into_iter().any(|n| rays.is_lit[n] && self.key[n] != self.key[pixel]);
