@@ -1,8 +1,8 @@
 //! Where the joint solution begins.
 //!
-//! 1. Names for sightings without one (the calibration's naming). 2. Relative poses of pairs with a distance, along a
-//! spanning tree from what is held. 3. Robots that the tree does not reach are tried at many places, and the best fit is
-//! kept. 4. Targets where the rays of their observers pass closest.
+//! First come names for sightings without one (the calibration's naming); then relative poses of pairs with a distance,
+//! along a spanning tree from what is held; then robots that the tree does not reach are tried at many places, and the best
+//! fit is kept; last the targets, where the rays of their observers pass closest.
 
 use nalgebra::{Matrix2, Vector2};
 use protocol::angle::wrap;
@@ -178,10 +178,7 @@ pub fn lattice(known: &[Vector2<f64>], n: usize, salt: usize) -> Vec<Pose2> {
 
 /// Puts targets where the rays of their observers pass closest (and heights where elevations say).
 pub fn place_targets(state: &mut State, terms: &[Term], free: &[bool]) {
-    for t in 0..state.points.len() {
-        if !free[t] {
-            continue;
-        }
+    for (t, _) in free.iter().enumerate().filter(|(_, free)| **free) {
         let mut a = Matrix2::identity() * 1e-9;
         let mut b = Vector2::zeros();
         let rays = || terms.iter().filter(|m| m.other == Other::Target(t));
@@ -198,7 +195,7 @@ pub fn place_targets(state: &mut State, terms: &[Term], free: &[bool]) {
             count += 1.0;
         }
         let mut p = a.try_inverse().map_or_else(Vector2::zeros, |inverse| inverse * b);
-        if !(p.norm() < 1e4) || a.determinant() < 1e-6 {
+        if p.norm() > 1e4 || !p.norm().is_finite() || a.determinant() < 1e-6 {
             p = mean / f64::max(count, 1.0);
         }
         state.points[t][0] = p.x;

@@ -50,7 +50,8 @@ fn observability_matches_the_golden_numbers() {
     let mutual = |pairs: &[(usize, usize)]| -> Vec<(usize, usize)> {
         pairs.iter().flat_map(|&(a, b)| [(a, b), (b, a)]).collect()
     };
-    let cases: Vec<(usize, Vec<(usize, usize)>, Vec<Vec<usize>>, bool)> = vec![
+    type Case = (usize, Vec<(usize, usize)>, Vec<Vec<usize>>, bool);
+    let cases: Vec<Case> = vec![
         (2, mutual(&[(0, 1)]), vec![], false),
         (2, mutual(&[(0, 1)]), vec![vec![0, 1]; 3], false),
         (2, mutual(&[(0, 1)]), vec![vec![0, 1]; 3], true),
