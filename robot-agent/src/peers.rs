@@ -1,1 +1,259 @@
-//! Being written.
+//! Fellow robots in a single picture, by the look they announce.
+//!
+//! A standing robot is background to the motion stage, so it must be found in the picture itself. What is announced makes that a
+//! measurement and not a recognition task: the rings of a body of known radius at a known height have one appearance for each
+//! bearing and range. Cylinders are found here (`MATHS.md` §5.2.1); bars and rectangle are further kinds of finder.
+//!
+//! The raw features (outlines, elevations of the marker's ends) are the measurement; bearing and range follow from them. Every
+//! sigma has two parts: noise that is new in each frame, and a floor (`floor_rad`) that successive frames of a standing pair share.
+
+mod blur;
+mod combine;
+mod cylinder;
+mod edges;
+mod geometry;
+mod kernel;
+mod look;
+mod rays;
+mod rings;
+mod search;
+
+use nalgebra::Matrix2;
+use protocol::angle::difference;
+use protocol::id::RobotId;
+use protocol::marker::Marker;
+use protocol::message::observation::{Feature, FeaturePart, PeerSighting, SightedRange};
+use protocol::quantity::{Angle16, Fraction8, LogSigma, Millimetres};
+
+pub use cylinder::{EDGE_FLOOR_PX, ELEVATION_FLOOR_PX};
+pub use search::Grid;
+
+use cylinder::CylinderFinder;
+use look::CylinderLook;
+use rays::PixelRays;
+
+use crate::optics::MountedCamera;
+
+/// Most different looks in one team.
+pub const MAX_LOOKS: usize = 8;
+/// A full search every so many frames in [`PeerDetector::follow`]; between them only known peers are measured.
+const SEARCH_EVERY: u64 = 3;
+/// A known peer that was not seen for so many frames is forgotten.
+const FORGET_AFTER: u64 = 5;
+
+/// Why a marker cannot be looked for.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum PeerError {
+    /// A cylinder without rings: nothing to find it by.
+    #[error("the cylinder has no `look`: a single picture finds it by its rings (`look.rings`)")]
+    NoLook,
+    /// A look that cannot be used.
+    #[error("the marker's `{key}` is {value}; {want} would be right")]
+    BadLook {
+        /// The key in the marker.
+        key: &'static str,
+        /// What it is.
+        value: f64,
+        /// What would be right.
+        want: &'static str,
+    },
+    /// A kind that this version does not find.
+    #[error("markers of kind `{kind}` are not found in pictures yet")]
+    Unsupported {
+        /// The kind as in the announcement.
+        kind: &'static str,
+    },
+    /// Too many different looks.
+    #[error("{0} different looks; at most {MAX_LOOKS} can be looked for")]
+    TooMany(usize),
+}
+
+/// A fellow robot in the picture.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Peer {
+    /// Kind of marker: cylinder 0, bars 1, rectangle 2.
+    pub kind: u8,
+    /// Who it is, where the marker says so.
+    pub robot: Option<RobotId>,
+    /// To the axis, body frame, radians.
+    pub bearing_rad: f64,
+    /// To the axis along the floor, metres.
+    pub range_m: f64,
+    /// Of (bearing, range), everything included: noise, floors, the mounting's height and tilt.
+    pub covariance: Matrix2<f64>,
+    /// The peer's heading minus the observer's and its sigma, where the marker shows it.
+    pub heading_rad: Option<[f64; 2]>,
+    /// That it is a robot at all, 0 … 1.
+    pub confidence: f64,
+    /// Raw measurements, right edge first. Empty where no outline is in view: then bearing and range come from the rings.
+    pub features: Vec<PeerFeature>,
+}
+
+/// One raw measurement.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct PeerFeature {
+    /// Which.
+    pub part: FeaturePart,
+    /// Of the feature itself, body frame, radians.
+    pub bearing_rad: f64,
+    /// Standard deviation, floor included, radians.
+    pub sigma_rad: f64,
+    /// The part of `sigma_rad` that successive frames of a standing pair share.
+    pub floor_rad: f64,
+    /// Elevations of the marker's lower and upper end on the near surface, as from the camera's viewpoint; on the first feature
+    /// only. They are fitted to all inner ring edges in view; an end out of view is extrapolated and its sigma says so.
+    pub elevation_rad: Option<[f64; 2]>,
+    /// Standard deviation of either, floor included, without the mounting's height and tilt.
+    pub elevation_sigma_rad: f64,
+    /// The part that successive frames share.
+    pub elevation_floor_rad: f64,
+}
+
+/// What a call cost, for benches.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct Timings {
+    /// Places that were looked at closely.
+    pub candidates: usize,
+}
+
+/// Finds fellow robots of announced looks in pictures of one camera.
+#[derive(Debug)]
+pub struct PeerDetector {
+    camera: MountedCamera,
+    rays: PixelRays,
+    finders: Vec<CylinderFinder>,
+    unsupported: Vec<PeerError>,
+    known: Vec<Known>,
+    frames: u64,
+    timings: Timings,
+}
+
+#[derive(Debug, Clone, Copy)]
+struct Known {
+    bearing_rad: f64,
+    range_m: f64,
+    last_seen: u64,
+}
+
+impl PeerDetector {
+    /// Prepares for a camera, its cylinder panorama and the looks in the team (equal ones are looked for once). Markers that
+    /// cannot be looked for are kept in [`PeerDetector::unsupported`]; the others work.
+    pub fn new(camera: &MountedCamera, grid: Grid, markers: &[Marker]) -> Self {
+        let mut looks: Vec<CylinderLook> = Vec::new();
+        let mut unsupported = Vec::new();
+        for marker in markers {
+            match CylinderLook::from_marker(marker) {
+                Ok(look) if looks.contains(&look) => {}
+                Ok(_) if looks.len() == MAX_LOOKS => unsupported.push(PeerError::TooMany(MAX_LOOKS + 1)),
+                Ok(look) => looks.push(look),
+                Err(error) => unsupported.push(error),
+            }
+        }
+        let finders = looks.into_iter().map(|look| CylinderFinder::new(camera, grid, look)).collect();
+        Self {
+            camera: camera.clone(),
+            rays: PixelRays::new(camera.image_size_px()),
+            finders,
+            unsupported,
+            known: Vec::new(),
+            frames: 0,
+            timings: Timings::default(),
+        }
+    }
+
+    /// Markers that are not looked for, and why.
+    pub fn unsupported(&self) -> &[PeerError] {
+        &self.unsupported
+    }
+
+    /// The robots in one picture, in order of bearing. `raw` has the camera's size, `panorama` the grid's; a slice of another size
+    /// gives none.
+    pub fn detect(&mut self, raw: &[u8], panorama: &[u8]) -> Vec<Peer> {
+        self.find(raw, Some(panorama), &[])
+    }
+
+    /// Like [`PeerDetector::detect`] for a stream: known peers are measured in each frame, the whole circle is searched
+    /// every third frame, or whenever a known peer is lost.
+    pub fn follow(&mut self, raw: &[u8], panorama: &[u8]) -> Vec<Peer> {
+        let frame = self.frames;
+        self.frames += 1;
+        self.known.retain(|k| frame - k.last_seen <= FORGET_AFTER);
+        let known: Vec<(f64, f64)> = self.known.iter().map(|k| (k.bearing_rad, k.range_m)).collect();
+        let search = frame.is_multiple_of(SEARCH_EVERY) || known.is_empty();
+        let mut peers = self.find(raw, search.then_some(panorama), &known);
+        if !search && peers.len() < known.len() {
+            peers = self.find(raw, Some(panorama), &known);
+        }
+        for peer in &peers {
+            let now = Known { bearing_rad: peer.bearing_rad, range_m: peer.range_m, last_seen: frame };
+            let same = |k: &&mut Known| {
+                difference(k.bearing_rad, peer.bearing_rad).abs() < 0.1 && (k.range_m / peer.range_m - 1.0).abs() < 0.2
+            };
+            match self.known.iter_mut().find(same) {
+                Some(known) => *known = now,
+                None => self.known.push(now),
+            }
+        }
+        peers
+    }
+
+    /// Places that the last call looked at closely.
+    pub fn timings(&self) -> Timings {
+        self.timings
+    }
+
+    fn find(&mut self, raw: &[u8], panorama: Option<&[u8]>, known: &[(f64, f64)]) -> Vec<Peer> {
+        let [w, h] = self.camera.image_size_px();
+        self.timings = Timings::default();
+        if raw.len() != w as usize * h as usize {
+            return Vec::new();
+        }
+        let mut peers = Vec::new();
+        for finder in &mut self.finders {
+            let panorama = panorama.filter(|p| p.len() == finder.panorama_len());
+            peers.extend(finder.find(&self.camera, &mut self.rays, raw, panorama, known, &mut self.timings));
+        }
+        peers.sort_by(|a, b| a.bearing_rad.total_cmp(&b.bearing_rad));
+        peers
+    }
+}
+
+impl Peer {
+    /// As it goes on the wire.
+    pub fn to_sighting(&self) -> PeerSighting {
+        let feature = |f: &PeerFeature| Feature {
+            part: f.part,
+            bearing: Angle16::from_rad(f.bearing_rad),
+            sigma: LogSigma::from_value(f.sigma_rad),
+            elevation: f.elevation_rad.map(|e| (e.map(Angle16::from_rad), LogSigma::from_value(f.elevation_sigma_rad))),
+        };
+        PeerSighting {
+            marker: self.kind,
+            robot: self.robot,
+            bearing: Angle16::from_rad(self.bearing_rad),
+            bearing_sigma: LogSigma::from_value(self.bearing_sigma_rad()),
+            range: Some(SightedRange {
+                range: Millimetres::from_m(self.range_m),
+                sigma: LogSigma::from_value(self.range_sigma_m()),
+            }),
+            heading: self.heading_rad.map(|[h, s]| (Angle16::from_rad(h), LogSigma::from_value(s))),
+            confidence: Fraction8::from_value(self.confidence),
+            features: self.features.iter().map(feature).collect(),
+        }
+    }
+
+    /// Standard deviation of the bearing, radians.
+    pub fn bearing_sigma_rad(&self) -> f64 {
+        self.covariance[(0, 0)].max(0.0).sqrt()
+    }
+
+    /// Standard deviation of the range, metres.
+    pub fn range_sigma_m(&self) -> f64 {
+        self.covariance[(1, 1)].max(0.0).sqrt()
+    }
+}
+
+#[cfg(test)]
+mod test_scene;
+#[cfg(test)]
+mod tests;

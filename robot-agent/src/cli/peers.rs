@@ -1,12 +1,174 @@
 //! `robot-agent peers`.
 
+use std::io::{self, Write};
+use std::path::{Path, PathBuf};
+
+use protocol::marker::Marker;
+use protocol::message::observation::FeaturePart;
+use robot_agent::capture::{self, CaptureOptions};
+use robot_agent::optics::MountedCamera;
+use robot_agent::panorama::{Lut, PanoramaGeometry};
+use robot_agent::peers::{Grid, Peer, PeerDetector, PeerFeature};
+use serde_json::{Value, json};
+
 use super::Failure;
 
-/// Offline peer detection: frames in, one JSON line a frame out.
+/// Finds fellow robots in recorded frames by their announced look: one JSON line a frame on standard output. Every frame is
+/// searched by itself.
 #[derive(Debug, clap::Args)]
-pub(super) struct Arguments {}
+pub(super) struct Arguments {
+    /// A folder of images, an image, a .y4m file, or a video that ffmpeg decodes.
+    input: PathBuf,
+    /// The camera file (camera.toml).
+    #[arg(long, value_name = "FILE")]
+    camera: PathBuf,
+    /// What the robots wear: a JSON file with one marker or an array of markers, as in announcements.
+    #[arg(long, value_name = "FILE")]
+    markers: PathBuf,
+    /// Frame rate, for a folder that does not say.
+    #[arg(long, value_name = "HZ")]
+    frame_rate_hz: Option<f64>,
+}
 
 /// Runs the command.
-pub(super) fn execute(_arguments: &Arguments) -> Result<(), Failure> {
-    Err(Failure::job("`peers` is not built yet"))
+pub(super) fn execute(arguments: &Arguments) -> Result<(), Failure> {
+    if let Some(rate) = arguments.frame_rate_hz
+        && !(rate > 0.0 && rate <= 1000.0)
+    {
+        return Err(Failure::usage(format!("--frame-rate-hz {rate}: must be above 0 and at most 1000")));
+    }
+    let camera = MountedCamera::load(&arguments.camera).map_err(Failure::usage)?;
+    let markers = load_markers(&arguments.markers)?;
+    let geometry = PanoramaGeometry::for_camera(&camera).map_err(Failure::usage)?;
+    let grid = Grid::of(&geometry)
+        .ok_or_else(|| Failure::usage("peers are found in a cylinder panorama; this camera sees beyond 60 degrees"))?;
+    let mut detector = PeerDetector::new(&camera, grid, &markers);
+    for error in detector.unsupported() {
+        tracing::warn!("{}: {error}", arguments.markers.display());
+    }
+    if detector.unsupported().len() == markers.len() {
+        let errors: Vec<String> = detector.unsupported().iter().map(ToString::to_string).collect();
+        return Err(Failure::usage(format!(
+            "{}: no marker that can be looked for: {}",
+            arguments.markers.display(),
+            errors.join("; ")
+        )));
+    }
+    let lut = Lut::panorama(&camera, &geometry);
+    let options = CaptureOptions {
+        image_size_px: Some(camera.image_size_px()),
+        frame_rate_hz: arguments.frame_rate_hz,
+        first_capture: None,
+    };
+    let mut source = capture::open(&arguments.input, options).map_err(Failure::job)?;
+    for remark in source.remarks() {
+        tracing::warn!("{remark}");
+    }
+    let mut panorama = vec![0; geometry.pixels()];
+    let mut output = io::stdout().lock();
+    let (mut index, mut first, mut bad) = (0u64, None, 0u64);
+    while let Some(frame) = source.next_frame() {
+        let line = match frame {
+            Ok(frame) => {
+                let first = *first.get_or_insert(frame.capture);
+                lut.unwarp(&frame.gray, &mut panorama).map_err(Failure::job)?;
+                let peers = detector.detect(&frame.gray, &panorama);
+                let time_s = frame.capture.seconds_since(first);
+                json!({ "frame": index, "time_s": time_s, "peers": peers.iter().map(peer).collect::<Vec<_>>() })
+            }
+            Err(error) => {
+                bad += 1;
+                tracing::warn!("frame {index}: {error}");
+                json!({ "frame": index, "time_s": null, "error": error.to_string(), "peers": [] })
+            }
+        };
+        writeln!(output, "{line}")?;
+        index += 1;
+    }
+    if index == bad {
+        return Err(Failure::job(format!("{}: not one frame could be used", arguments.input.display())));
+    }
+    Ok(())
+}
+
+fn load_markers(path: &Path) -> Result<Vec<Marker>, Failure> {
+    let wrong = |problem: String| Failure::usage(format!("{}: {problem}", path.display()));
+    let text = std::fs::read_to_string(path).map_err(|e| wrong(format!("cannot read the markers: {e}")))?;
+    let document: Value = serde_json::from_str(&text).map_err(|e| wrong(format!("not JSON: {e}")))?;
+    let entries = match document {
+        Value::Array(entries) => entries,
+        one => vec![one],
+    };
+    if entries.is_empty() {
+        return Err(wrong("an empty array; at least one marker would be right".to_owned()));
+    }
+    let read = |(i, entry)| serde_json::from_value(entry).map_err(|e| wrong(format!("marker {i}: {e}")));
+    entries.into_iter().enumerate().map(read).collect()
+}
+
+fn peer(peer: &Peer) -> Value {
+    let kind = ["cylinder", "bars", "rectangle"].get(usize::from(peer.kind));
+    json!({
+        "marker": kind,
+        "robot": peer.robot.map(|r| r.to_string()),
+        "bearing_deg": peer.bearing_rad.to_degrees(),
+        "bearing_sigma_deg": peer.bearing_sigma_rad().to_degrees(),
+        "range_m": peer.range_m,
+        "range_sigma_m": peer.range_sigma_m(),
+        "heading_deg": peer.heading_rad.map(|h| h[0].to_degrees()),
+        "confidence": peer.confidence,
+        "features": peer.features.iter().map(feature).collect::<Vec<_>>(),
+    })
+}
+
+fn feature(feature: &PeerFeature) -> Value {
+    let (part, index) = match feature.part {
+        FeaturePart::Left => ("left", None),
+        FeaturePart::Right => ("right", None),
+        FeaturePart::Bar(index) => ("bar", index),
+        FeaturePart::Edge(index) => ("edge", Some(index)),
+    };
+    let elevation = feature.elevation_rad;
+    json!({
+        "part": part,
+        "index": index,
+        "bearing_deg": feature.bearing_rad.to_degrees(),
+        "sigma_deg": feature.sigma_rad.to_degrees(),
+        "elevation_deg": elevation.map(|e| e.map(f64::to_degrees)),
+        "elevation_sigma_deg": elevation.map(|_| feature.elevation_sigma_rad.to_degrees()),
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn error_of(text: &str) -> String {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("markers.json");
+        std::fs::write(&path, text).unwrap();
+        match load_markers(&path) {
+            Err(Failure::Usage(text)) => text,
+            other => panic!("{other:?}"),
+        }
+    }
+
+    #[test]
+    fn markers_may_be_one_or_many() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("markers.json");
+        let one = r#"{"kind":"cylinder","radius_m":0.2,"height_m":[0.1,0.5]}"#;
+        std::fs::write(&path, one).unwrap();
+        assert_eq!(load_markers(&path).unwrap().len(), 1);
+        std::fs::write(&path, format!("[{one},{one}]")).unwrap();
+        assert_eq!(load_markers(&path).unwrap().len(), 2);
+    }
+
+    #[test]
+    fn bad_marker_files_are_named_with_the_reason() {
+        assert!(error_of("[]").contains("empty array"));
+        assert!(error_of("{").contains("not JSON"));
+        let text = error_of(r#"[{"kind":"cylinder","radius":0.2}]"#);
+        assert!(text.contains("marker 0") && text.contains("radius") && text.contains("markers.json"), "{text}");
+    }
 }

@@ -1,0 +1,379 @@
+//! Finds painted cylinders in one picture: search, rings, outlines, verdict.
+//!
+//! ```text
+//! panorama --search--> candidates --rings--> axis, distance, visible columns --outlines--> features --combine--> Peer
+//!                                   |                                           |
+//!                                   +- too few columns, odd height: nothing     +- not where the rings say: somebody else's edge
+//! ```
+//! An outline is reported only where the rings, which know nothing of the background, put it. A nearer robot that has been found
+//! hides its sector for the candidates behind it.
+
+use nalgebra::{Matrix2, Matrix2x3, Matrix3};
+
+use super::combine::{self, Evidence, Mount};
+use super::edges::{self, EdgeFit, Side};
+use super::look::CylinderLook;
+use super::rays::{PixelRays, Sample};
+use super::rings::{self, RingFit};
+use super::search::{Candidate, Grid, Search};
+use super::{Peer, PeerFeature, Timings};
+use crate::optics::MountedCamera;
+use protocol::message::observation::FeaturePart;
+
+/// What remains of an outline's error when noise has averaged out: shading, sampling, the lens. Pixels.
+pub const EDGE_FLOOR_PX: f64 = 0.03;
+/// The same of a ring edge's elevation. Pixels.
+pub const ELEVATION_FLOOR_PX: f64 = 0.03;
+
+/// Least share of the inner columns that show the rings.
+const LEAST_VISIBLE: f64 = 0.35;
+/// Least mean correlation of those columns.
+const LEAST_CORRELATION: f64 = 0.93;
+/// Sharper or softer than any lens that the rings were fitted through, pixels.
+const BLUR_PX: [f64; 2] = [0.45, 1.35];
+/// Most RMS difference of the fitted reflectances from the announced ones.
+const WORST_PAINT: f64 = 0.12;
+/// Without any outline the rings must be beyond doubt.
+const SURE_CORRELATION: f64 = 0.97;
+const SURE_PAINT: f64 = 0.07;
+const SURE_BEND: f64 = 0.3;
+/// The rings bend as a cylinder's to within this share, beside noise.
+const BEND_GATE: f64 = 0.1;
+
+/// Least contrast of full reflectance over the residual noise.
+const LEAST_CONTRAST: f64 = 6.0;
+/// The announced heights must fit to this, metres, beside what the mounting leaves open.
+const HEIGHT_GATE_M: f64 = 0.01;
+/// Least share of an outline's information from rows that agree.
+const LEAST_AGREEMENT: f64 = 0.5;
+/// An outline that noise leaves more uncertain than this is none, pixels.
+const WORST_EDGE_PX: f64 = 0.5;
+/// Most peers of one picture.
+const MAX_PEERS: usize = 16;
+
+/// Finds cylinders of one look.
+#[derive(Debug)]
+pub struct CylinderFinder {
+    look: CylinderLook,
+    search: Search,
+    samples: Vec<Sample>,
+}
+
+struct Found {
+    rings: RingFit,
+    left: Option<EdgeFit>,
+    right: Option<EdgeFit>,
+}
+
+impl CylinderFinder {
+    /// Prepares the search for one look.
+    pub fn new(camera: &MountedCamera, grid: Grid, look: CylinderLook) -> Self {
+        let lowest = camera.camera().elevation_rad()[0].tan();
+        let search = Search::new(grid, &look, camera.viewpoint_body_m().z, lowest);
+        Self { look, search, samples: Vec::new() }
+    }
+
+    /// Bytes of the panorama that the search expects.
+    pub fn panorama_len(&self) -> usize {
+        self.search.len()
+    }
+
+    #[cfg(test)]
+    pub fn search_only(&mut self, panorama: &[u8]) -> usize {
+        self.search.run(panorama).len()
+    }
+
+    /// The robots in a picture: those expected at `known` places (bearing, range) and, if a panorama is given, all others.
+    pub fn find(
+        &mut self,
+        camera: &MountedCamera,
+        rays: &mut PixelRays,
+        raw: &[u8],
+        panorama: Option<&[u8]>,
+        known: &[(f64, f64)],
+        timings: &mut Timings,
+    ) -> Vec<Peer> {
+        let mut candidates: Vec<Candidate> = known
+            .iter()
+            .map(|(bearing_rad, range_m)| Candidate {
+                bearing_rad: *bearing_rad,
+                range_m: *range_m,
+                support: 1.0,
+                seen_rad: [*bearing_rad; 2],
+            })
+            .collect();
+        if let Some(panorama) = panorama {
+            candidates.extend(self.search.run(panorama));
+        }
+        timings.candidates += candidates.len();
+        let mut accepted: Vec<(Found, Peer)> = Vec::new();
+        for candidate in &candidates {
+            let hidden: Vec<[f64; 2]> = accepted
+                .iter()
+                .filter(|(_, peer)| peer.range_m < candidate.range_m)
+                .map(|(_, peer)| sector(peer, &self.look))
+                .collect();
+            if accepted.iter().any(|(_, peer)| is_same(peer, candidate, &self.look)) {
+                continue;
+            }
+            let Some(found) = self.look_closer(camera, rays, raw, candidate, &hidden) else { continue };
+            let Some(peer) = self.verdict(camera, &found, &hidden) else { continue };
+            let twin = accepted.iter().position(|(_, other)| overlap(other, &peer, &self.look));
+            match twin {
+                Some(i) if accepted[i].1.confidence >= peer.confidence => {}
+                Some(i) => accepted[i] = (found, peer),
+                None if accepted.len() < MAX_PEERS => accepted.push((found, peer)),
+                None => {}
+            }
+        }
+        accepted.into_iter().map(|(_, peer)| peer).collect()
+    }
+
+    fn look_closer(
+        &mut self,
+        camera: &MountedCamera,
+        rays: &mut PixelRays,
+        raw: &[u8],
+        candidate: &Candidate,
+        hidden: &[[f64; 2]],
+    ) -> Option<Found> {
+        let radius = self.look.radius_m;
+        let half = (radius / candidate.range_m).min(1.0).asin();
+        let height = camera.viewpoint_body_m().z;
+        let [lowest, highest] = camera.camera().elevation_rad();
+        // The start may be 6 % off, the outline needs six pixels of background.
+        let nearest = (candidate.range_m - radius) * 0.92;
+        let farthest = candidate.range_m * 1.08;
+        let end = |z: f64| {
+            let drop = z - height;
+            let (a, b) = (drop.atan2(nearest), drop.atan2(farthest));
+            [a.min(b), a.max(b)]
+        };
+        let elevation = [
+            (end(self.look.low_m())[0]).clamp(lowest, highest),
+            (end(self.look.high_m())[1] + 0.01).clamp(lowest, highest),
+        ];
+        let mut samples = std::mem::take(&mut self.samples);
+        rays.patch(camera, raw, candidate.bearing_rad, half * 1.1 + 0.045, elevation, &mut samples);
+        let found = self.fit_best(&samples, camera, candidate, half, hidden);
+        self.samples = samples;
+        found
+    }
+
+    fn fit_best(
+        &self,
+        samples: &[Sample],
+        camera: &MountedCamera,
+        candidate: &Candidate,
+        half: f64,
+        hidden: &[[f64; 2]],
+    ) -> Option<Found> {
+        let [right, left] = candidate.seen_rad;
+        let seen = protocol::angle::difference(left, right);
+        let mut starts = vec![candidate.bearing_rad];
+        // Half hidden: the visible part may be either half of the body.
+        if seen > 0.0 && seen < 1.2 * half {
+            starts.push(right + half * 0.95);
+            starts.push(left - half * 0.95);
+        }
+        let mut best: Option<RingFit> = None;
+        for start in starts {
+            let Some(fit) = rings::fit(samples, &self.look, (start, candidate.range_m), hidden) else { continue };
+            let score = |fit: &RingFit| fit.visible * fit.correlation;
+            if best.as_ref().is_none_or(|b| score(&fit) > score(b)) {
+                best = Some(fit);
+            }
+        }
+        let rings = best?;
+        let tall = mount(camera).height_sigma_m.hypot(mount(camera).tilt_sigma_rad * rings.near_m);
+        let paint = rings.paint_error(&self.look);
+        if rings.visible < LEAST_VISIBLE
+            || !(BLUR_PX[0]..=BLUR_PX[1]).contains(&rings.blur_px)
+            || paint > WORST_PAINT
+            || rings.correlation < LEAST_CORRELATION
+            || rings.gain < LEAST_CONTRAST * rings.noise
+            || rings.lower_m.abs() > HEIGHT_GATE_M + 3.0 * tall.hypot(rings.covariance[2][2].sqrt())
+        {
+            return None;
+        }
+        #[cfg(test)]
+        if std::env::var("PEERS_DEBUG").is_ok() {
+            let n = rings.columns.iter().filter(|c| c.correlation != 0.0).count();
+            println!(
+                "    rings {:.1}° {:.2} m visible {:.2} of {n} corr {:.3} gain {:.0} noise {:.1} lower {:.3} blur {:.2} seen {} refl {:.2?} sb {:.2} px sn {:.3} m bend {:.2} ± {:.3}",
+                rings.bearing_rad.to_degrees(),
+                rings.near_m + 0.2,
+                rings.visible,
+                rings.correlation,
+                rings.gain,
+                rings.noise,
+                rings.lower_m,
+                rings.blur_px,
+                rings.edges_seen,
+                rings.reflectance,
+                rings.covariance[0][0].sqrt() * 220.0,
+                rings.covariance[1][1].sqrt(),
+                rings.bend[0],
+                rings.bend[1]
+            );
+        }
+        // A flat poster, or two legs in striped trousers, bend otherwise than a cylinder of the announced radius.
+        if rings.bend[0].abs() > BEND_GATE + 3.5 * rings.bend[1] {
+            return None;
+        }
+        let left = self.outline(samples, &rings, Side::Left);
+        let right = self.outline(samples, &rings, Side::Right);
+        Some(Found { rings, left, right })
+    }
+
+    /// An outline that lies where the rings put it, in columns that show the rings.
+    fn outline(&self, samples: &[Sample], rings: &RingFit, side: Side) -> Option<EdgeFit> {
+        let measured: Vec<bool> = rings.columns.iter().filter(|c| c.correlation != 0.0).map(|c| c.visible).collect();
+        let beside = 3.min(measured.len());
+        let shown = match side {
+            Side::Left => measured.iter().rev().take(beside).filter(|v| **v).count(),
+            Side::Right => measured.iter().take(beside).filter(|v| **v).count(),
+        };
+        if shown + 1 < beside || beside == 0 {
+            return None;
+        }
+        let fit = edges::fit(samples, &self.look, rings, side)?;
+        let sign = if side == Side::Left { 1.0 } else { -1.0 };
+        let range = rings.near_m + self.look.radius_m;
+        let by_near = -sign * self.look.radius_m / (range * (range * range - self.look.radius_m.powi(2)).sqrt());
+        let c = &rings.covariance;
+        let predicted = (c[0][0] + 2.0 * by_near * c[0][1] + by_near * by_near * c[1][1]).max(0.0).sqrt();
+        let gate = (0.35 / fit.px_per_rad + 4.0 * predicted.hypot(fit.sigma_rad)).min(1.5 / fit.px_per_rad);
+        let fine = fit.agreement >= LEAST_AGREEMENT
+            && fit.rows >= 2
+            && fit.sigma_rad * fit.px_per_rad <= WORST_EDGE_PX
+            && fit.outwards_rad.abs() <= gate;
+        fine.then_some(fit)
+    }
+
+    fn verdict(&self, camera: &MountedCamera, found: &Found, hidden: &[[f64; 2]]) -> Option<Peer> {
+        let rings = &found.rings;
+        let mount = mount(camera);
+        let look = &self.look;
+        let body = rings.cylinder(look.radius_m);
+        let half = body.outline_rad;
+        let seen = usize::from(found.left.is_some()) + usize::from(found.right.is_some());
+        let sure = rings.edges_seen >= 2
+            && rings.visible >= 0.5
+            && rings.correlation >= SURE_CORRELATION
+            && rings.paint_error(look) <= SURE_PAINT
+            && rings.bend[1] <= SURE_BEND;
+        if seen == 0 && !sure {
+            return None;
+        }
+        let edge = |fit: &Option<EdgeFit>, sign: f64| {
+            fit.map(|fit| {
+                let bearing = protocol::angle::wrap(rings.bearing_rad + sign * (half + fit.outwards_rad));
+                let floor = EDGE_FLOOR_PX / fit.px_per_rad;
+                (bearing, fit.sigma_rad, floor)
+            })
+        };
+        let (left, right) = (edge(&found.left, 1.0), edge(&found.right, -1.0));
+        for (edge, side) in [(&left, 1.0), (&right, -1.0)] {
+            if let Some((bearing, ..)) = edge {
+                // Beside a nearer robot the edge is the other's.
+                let just_outside = bearing + side * 0.01;
+                if hidden.iter().any(|s| inside(*s, *bearing) || inside(*s, just_outside)) {
+                    return None;
+                }
+            }
+        }
+        let (elevation_rad, elevation_covariance, elevation_floor) = self.elevations(camera, rings, mount.height_m);
+        let floor2 = elevation_floor * elevation_floor;
+        let evidence = Evidence {
+            left: left.map(|(b, s, f)| [b, s.hypot(f)]),
+            right: right.map(|(b, s, f)| [b, s.hypot(f)]),
+            middle: [rings.bearing_rad, rings.covariance[0][0].sqrt().hypot(0.002)],
+            elevation_rad,
+            elevation_covariance: elevation_covariance + Matrix2::identity() * floor2,
+        };
+        let start = (rings.bearing_rad, body.range_m);
+        let position = combine::combine(&evidence, look.radius_m, look.ends_m, &mount, start)?;
+        // One sigma for both ends: the larger axis of their covariance, so that nobody takes them for better than they are.
+        let white = elevation_covariance.symmetric_eigenvalues().max().max(0.0).sqrt();
+        let mut elevation = Some((elevation_rad, white.hypot(elevation_floor), elevation_floor));
+        let mut features = Vec::new();
+        for (part, edge) in [(FeaturePart::Right, right), (FeaturePart::Left, left)] {
+            if let Some((bearing_rad, white, floor)) = edge {
+                let elevation = elevation.take();
+                features.push(PeerFeature {
+                    part,
+                    bearing_rad,
+                    sigma_rad: white.hypot(floor),
+                    floor_rad: floor,
+                    elevation_rad: elevation.map(|e| e.0),
+                    elevation_sigma_rad: elevation.map_or(0.0, |e| e.1),
+                    elevation_floor_rad: elevation.map_or(0.0, |e| e.2),
+                });
+            }
+        }
+        let evidence_share = [0.6, 0.85, 1.0][seen];
+        Some(Peer {
+            kind: 0,
+            robot: None,
+            bearing_rad: position.bearing_rad,
+            range_m: position.range_m,
+            covariance: position.covariance,
+            heading_rad: None,
+            confidence: (rings.visible.min(1.0) * rings.correlation).sqrt() * evidence_share,
+            features,
+        })
+    }
+
+    /// Elevations of the marker's ends on the near surface as from the viewpoint, their covariance, and the bias floor.
+    fn elevations(&self, camera: &MountedCamera, rings: &RingFit, height_m: f64) -> ([f64; 2], Matrix2<f64>, f64) {
+        let near = rings.near_m;
+        let mut jacobian = Matrix2x3::zeros();
+        let mut elevation = [0.0; 2];
+        for k in 0..2 {
+            let drop = self.look.ends_m[k] - height_m - rings.lower_m;
+            let square = near * near + drop * drop;
+            elevation[k] = drop.atan2(near);
+            jacobian[(k, 1)] = -drop / square;
+            jacobian[(k, 2)] = -near / square;
+        }
+        let covariance = Matrix3::from_fn(|i, j| rings.covariance[i][j]);
+        let middle = (0.5 * (elevation[0] + elevation[1])).max(camera.camera().elevation_rad()[0]);
+        let scale = camera.resolution(rings.bearing_rad, middle).map_or(200.0, |r| r.elevation_px_per_rad);
+        (elevation, jacobian * covariance * jacobian.transpose(), ELEVATION_FLOOR_PX / scale)
+    }
+}
+
+fn mount(camera: &MountedCamera) -> Mount {
+    let sigma = camera.mounting().sigma;
+    Mount {
+        height_m: camera.viewpoint_body_m().z,
+        height_sigma_m: sigma.position_m.z,
+        tilt_sigma_rad: sigma.rotation_rpy_rad[0].max(sigma.rotation_rpy_rad[1]),
+    }
+}
+
+/// Bearings [right, left] that a peer fills.
+fn sector(peer: &Peer, look: &CylinderLook) -> [f64; 2] {
+    let half = (look.radius_m / peer.range_m).min(1.0).asin();
+    [peer.bearing_rad - half, peer.bearing_rad + half]
+}
+
+fn inside([right, left]: [f64; 2], bearing: f64) -> bool {
+    protocol::angle::difference(bearing, right) > 0.0 && protocol::angle::difference(left, bearing) > 0.0
+}
+
+/// Whether a candidate is a peer that was found already, or wholly behind it.
+fn is_same(peer: &Peer, candidate: &Candidate, look: &CylinderLook) -> bool {
+    let half = (look.radius_m / peer.range_m).min(1.0).asin();
+    let half_candidate = (look.radius_m / candidate.range_m).min(1.0).asin();
+    let apart = protocol::angle::difference(peer.bearing_rad, candidate.bearing_rad).abs();
+    apart < 0.5 * half.max(half_candidate) || (peer.range_m < candidate.range_m && apart + 0.3 * half_candidate < half)
+}
+
+/// Whether two peers cannot both be there.
+fn overlap(a: &Peer, b: &Peer, look: &CylinderLook) -> bool {
+    let apart = protocol::angle::difference(a.bearing_rad, b.bearing_rad).abs();
+    let distance2 = a.range_m.powi(2) + b.range_m.powi(2) - 2.0 * a.range_m * b.range_m * apart.cos();
+    distance2 < (1.5 * look.radius_m).powi(2)
+}

@@ -1,0 +1,481 @@
+//! Range, bearing and height of a body from its painted rings, without its outline.
+//!
+//! Problem: the outline of a body is easily falsified by what stands before or beside it; a person's leg makes as sharp an edge.
+//! Insight: between the outlines the announced rings are the only pattern, and their edges are curves that bend with the
+//! distance to the surface. So the inside alone gives the distance (from the spacing), the middle (from the bend) and the height
+//! (from the offset), free of any background. Each picture column has its own gain and offset, so lamps may light the
+//! cylinder as they like, and columns that do not show the rings are left out: somebody stands there.
+//! Algorithm: Gauss–Newton on (bearing, near distance, height offset, blur, reflectance errors), the two unknowns of each
+//! column eliminated by their Schur complement (variable projection); columns are admitted by their correlation and the
+//! fit repeated.
+
+use nalgebra::{DMatrix, DVector};
+
+use super::blur;
+use super::geometry::Cylinder;
+use super::look::{CylinderLook, MAX_RINGS};
+use super::rays::Sample;
+
+/// Nonlinear unknowns before the reflectance errors: bearing, near distance, height offset, blur, bend.
+const SHAPE: usize = 5;
+const MAX_UNKNOWNS: usize = SHAPE + MAX_RINGS;
+/// Prior of the blur of lens and pixel together, pixels.
+pub const BLUR_PX: f64 = 0.85;
+const BLUR_SIGMA_PX: f64 = 0.15;
+/// Paint and light may differ from the announcement by this much of full scale between rings.
+const REFLECTANCE_SIGMA: f64 = 0.06;
+/// The camera's height over the peer's floor: mounting, tilt and floor together, metres.
+const HEIGHT_SIGMA_M: f64 = 0.03;
+/// The bend is held while the shape is fitted, and let go to test it.
+const BEND_HELD: f64 = 1e-4;
+const BEND_FREE: f64 = 2.0;
+/// Keeps blurred light from beyond the painted part out, in units of the blur.
+const MARGIN: f64 = 2.6;
+/// A column shows the rings when this much of its variance is theirs (as a correlation).
+const LEAST_CORRELATION: f64 = 0.8;
+const ROUNDS: usize = 4;
+/// Most pixels of the first two rounds, and of the last.
+const ROUGH_PIXELS: usize = 400;
+const MOST_PIXELS: usize = 1500;
+/// A first round that ends below this is not worth a second.
+const HOPELESS_CORRELATION: f64 = 0.8;
+const HOPELESS_VISIBLE: f64 = 0.25;
+const STEPS: usize = 4;
+/// Sensor noise is never taken to be below this, grey levels (rounding alone is 0.29).
+const LEAST_NOISE: f64 = 0.5;
+
+/// What the rings say.
+#[derive(Debug, Clone)]
+pub struct RingFit {
+    /// Of the axis, radians.
+    pub bearing_rad: f64,
+    /// Along the floor to the near surface (range − radius), metres.
+    pub near_m: f64,
+    /// The body stands this much lower than announced, as the camera sees it, metres.
+    pub lower_m: f64,
+    /// Standard deviation of the blur, pixels.
+    pub blur_px: f64,
+    /// Reflectances that fit, in the announced scale.
+    pub reflectance: Vec<f64>,
+    /// Covariance of (bearing, near distance, height offset).
+    pub covariance: [[f64; 3]; 3],
+    /// Residual of the visible columns, grey levels.
+    pub noise: f64,
+    /// Columns across the body, right to left by bearing.
+    pub columns: Vec<Column>,
+    /// Share of the inner columns that show the rings.
+    pub visible: f64,
+    /// Mean correlation of the visible columns.
+    pub correlation: f64,
+    /// Median gain of the visible columns, grey levels per unit of reflectance.
+    pub gain: f64,
+    /// How much more the rings bend than a cylinder's, as a share (0: exactly so, −1: flat), and its standard deviation.
+    pub bend: [f64; 2],
+    /// Ring edges inside the field of view that the fit stands on.
+    pub edges_seen: usize,
+}
+
+/// One column of the body.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Column {
+    /// Grey levels per unit of reflectance.
+    pub gain: f64,
+    /// Grey level of black.
+    pub offset: f64,
+    /// Of picture and rings, −1 … 1; 0 where nothing was measured.
+    pub correlation: f64,
+    /// Whether it shows the rings.
+    pub visible: bool,
+}
+
+impl RingFit {
+    /// The cylinder that was found.
+    pub fn cylinder(&self, radius_m: f64) -> Cylinder {
+        Cylinder::new(self.bearing_rad, self.near_m + radius_m, radius_m)
+    }
+
+    /// RMS difference of the reflectances that fit from the announced ones.
+    pub fn paint_error(&self, look: &CylinderLook) -> f64 {
+        let sum: f64 = self.reflectance.iter().zip(&look.reflectance).map(|(a, b)| (a - b).powi(2)).sum();
+        (sum / self.reflectance.len() as f64).sqrt()
+    }
+}
+
+/// The rings as one pixel sees them: mean reflectance through the blur and its derivative by each ring's reflectance.
+pub fn profile(look: &CylinderLook, reflectance: &[f64], height_m: f64, blur_m: f64, by_ring: &mut [f64]) -> f64 {
+    let n = reflectance.len();
+    let mut above = 1.0;
+    let mut sum = 0.0;
+    for k in 0..n {
+        let next = if k + 1 < n { blur::step((height_m - look.edges_m[k + 1]) / blur_m) } else { 0.0 };
+        by_ring[k] = above - next;
+        sum += reflectance[k] * by_ring[k];
+        above = next;
+    }
+    sum
+}
+
+struct State {
+    bearing_rad: f64,
+    near_m: f64,
+    lower_m: f64,
+    blur_px: f64,
+    reflectance: Vec<f64>,
+}
+
+struct Pixel {
+    column: usize,
+    sample: usize,
+}
+
+/// Sums of one column over (1, profile, derivatives…, gray): the upper triangle of their Gram matrix.
+#[derive(Clone)]
+struct Gram {
+    n: usize,
+    sums: [[f64; MAX_UNKNOWNS + 3]; MAX_UNKNOWNS + 3],
+}
+
+/// Fits the rings from a start (bearing, range to the axis). `hidden` are sectors [right, left] of bearings that nearer bodies are
+/// known to fill. `None` where the picture does not show the rings there.
+pub fn fit(samples: &[Sample], look: &CylinderLook, start: (f64, f64), hidden: &[[f64; 2]]) -> Option<RingFit> {
+    let m = SHAPE + look.reflectance.len();
+    let mut state = State {
+        bearing_rad: start.0,
+        near_m: start.1 - look.radius_m,
+        lower_m: 0.0,
+        blur_px: BLUR_PX,
+        reflectance: look.reflectance.clone(),
+    };
+    let mut grams: Vec<Gram> = Vec::new();
+    let mut result = None;
+    for round in 0..ROUNDS {
+        // The first round starts up to 3 % off: a wide blur takes it into the right valley.
+        let blunt = if round == 0 { 1.6 } else { 0.0 };
+        let most = if round < 2 { ROUGH_PIXELS } else { MOST_PIXELS };
+        let (pixels, columns) = select(samples, look, &state, hidden, most)?;
+        let mut normal = None;
+        for step in 0..STEPS {
+            accumulate(samples, &pixels, columns, look, &state, blunt, &mut grams);
+            let shown = judge(&grams, 2 + m, round);
+            let solved = solve(&grams, &shown.columns, &state, look, m, BEND_HELD)?;
+            let free = !(round == 0 && step < 2);
+            let scale = if free { 1.0 } else { 0.7 };
+            state.bearing_rad += scale * solved.delta[0].clamp(-0.05, 0.05);
+            state.near_m += scale * solved.delta[1].clamp(-0.06 * state.near_m, 0.06 * state.near_m);
+            state.lower_m += scale * solved.delta[2].clamp(-0.03, 0.03);
+            if round > 0 {
+                state.blur_px = (state.blur_px + solved.delta[3]).clamp(0.4, 1.6);
+                for (r, d) in state.reflectance.iter_mut().zip(solved.delta.iter().skip(SHAPE)) {
+                    *r += d.clamp(-0.05, 0.05);
+                }
+            }
+            let small = solved.delta[0].abs() < 1e-5 && solved.delta[1].abs() < 3e-5 * state.near_m;
+            normal = Some((shown, solved.inverse));
+            if small || !(state.near_m > 0.05 && state.near_m < 30.0) {
+                break;
+            }
+        }
+        if !(state.near_m > 0.05 && state.near_m < 30.0 && state.lower_m.abs() < 0.2) {
+            return None;
+        }
+        if (state.near_m + look.radius_m) / start.1 > 1.25 || start.1 / (state.near_m + look.radius_m) > 1.25 {
+            return None;
+        }
+        if let Some((shown, inverse)) = normal {
+            if shown.visible_count == 0 || shown.correlation < HOPELESS_CORRELATION || shown.visible < HOPELESS_VISIBLE
+            {
+                return None;
+            }
+            result = Some((shown, inverse));
+        }
+    }
+    let (shown, inverse) = result?;
+    let noise2 = shown.noise * shown.noise;
+    // The last sums again, with the bend let go: a cylinder needs none.
+    let free = solve(&grams, &shown.columns, &state, look, m, BEND_FREE)?;
+    let bend = [free.delta[4], free.inverse[(4, 4)].sqrt() * shown.noise];
+    let mut covariance = [[0.0; 3]; 3];
+    for (i, row) in covariance.iter_mut().enumerate() {
+        for (j, cell) in row.iter_mut().enumerate() {
+            *cell = inverse[(i, j)] * noise2;
+        }
+    }
+    let edges_seen = edges_in_view(samples, look, &state);
+    Some(RingFit {
+        bearing_rad: protocol::angle::wrap(state.bearing_rad),
+        near_m: state.near_m,
+        lower_m: state.lower_m,
+        blur_px: state.blur_px,
+        reflectance: state.reflectance,
+        covariance,
+        noise: shown.noise,
+        visible: shown.visible,
+        correlation: shown.correlation,
+        gain: shown.gain,
+        columns: shown.columns,
+        bend,
+        edges_seen,
+    })
+}
+
+/// Ring edges between two rings that the samples reach on both sides.
+fn edges_in_view(samples: &[Sample], look: &CylinderLook, state: &State) -> usize {
+    let cylinder = Cylinder::new(state.bearing_rad, state.near_m + look.radius_m, look.radius_m);
+    let lowest = samples
+        .iter()
+        .map(|s| cylinder.meet(&s.ray))
+        .filter(|m| m.sine.abs() < 0.5)
+        .map(|m| m.height_m)
+        .fold(f64::INFINITY, f64::min);
+    let inner = &look.edges_m[1..look.edges_m.len() - 1];
+    inner.iter().filter(|edge| **edge > lowest + 0.02).count()
+}
+
+/// The pixels inside outline and painted part, by column of one pixel's width.
+fn select(
+    samples: &[Sample],
+    look: &CylinderLook,
+    state: &State,
+    hidden: &[[f64; 2]],
+    most: usize,
+) -> Option<(Vec<Pixel>, usize)> {
+    let cylinder = Cylinder::new(state.bearing_rad, state.near_m + look.radius_m, look.radius_m);
+    let half = cylinder.outline_rad;
+    let mut pixels = Vec::with_capacity(samples.len());
+    let mut scale = 0.0;
+    for (i, sample) in samples.iter().enumerate() {
+        let met = cylinder.meet(&sample.ray);
+        let ppb = f64::from(sample.ray.px_per_bearing);
+        let inside_px = (half - met.aside_rad.abs()) * ppb;
+        if inside_px < MARGIN * BLUR_PX || met.sine.abs() > 0.93 {
+            continue;
+        }
+        let slope = f64::from(sample.ray.slope);
+        let m_per_px = met.distance_m * (1.0 + slope * slope) / f64::from(sample.ray.px_per_elevation);
+        let height = met.height_m + state.lower_m;
+        let margin = MARGIN * BLUR_PX * m_per_px;
+        if height < look.low_m() + margin || height > look.high_m() - margin {
+            continue;
+        }
+        let bearing = f64::from(sample.ray.bearing_rad);
+        if hidden.iter().any(|[right, left]| {
+            protocol::angle::difference(bearing, *right) > 0.0 && protocol::angle::difference(*left, bearing) > 0.0
+        }) {
+            continue;
+        }
+        scale += ppb;
+        pixels.push(Pixel { column: 0, sample: i });
+    }
+    if pixels.len() < 12 {
+        return None;
+    }
+    scale /= pixels.len() as f64;
+    let columns = ((2.0 * half * scale).ceil() as usize).max(3);
+    let column_rad = 2.0 * half / columns as f64;
+    for pixel in &mut pixels {
+        let met = cylinder.meet(&samples[pixel.sample].ray);
+        pixel.column = (((met.aside_rad + half) / column_rad) as usize).min(columns - 1);
+    }
+    // A body near at hand has more pixels than the fit needs: every n-th column is as good.
+    let every = pixels.len().div_ceil(most);
+    if every > 1 {
+        pixels.retain(|pixel| pixel.column % every == 0);
+    }
+    Some((pixels, columns))
+}
+
+fn accumulate(
+    samples: &[Sample],
+    pixels: &[Pixel],
+    columns: usize,
+    look: &CylinderLook,
+    state: &State,
+    blunt_px: f64,
+    grams: &mut Vec<Gram>,
+) {
+    let rings = state.reflectance.len();
+    let m = SHAPE + rings;
+    let empty = Gram { n: 0, sums: [[0.0; MAX_UNKNOWNS + 3]; MAX_UNKNOWNS + 3] };
+    grams.clear();
+    grams.resize(columns, empty);
+    const BY_BEARING: f64 = 1e-4;
+    let by_near = 1e-4 * state.near_m;
+    let range = state.near_m + look.radius_m;
+    let body = Cylinder::new(state.bearing_rad, range, look.radius_m);
+    let turned = Cylinder::new(state.bearing_rad + BY_BEARING, range, look.radius_m);
+    let farther = Cylinder::new(state.bearing_rad, range + by_near, look.radius_m);
+    let mut by_ring = [0.0; MAX_RINGS];
+    let mut unused = [0.0; MAX_RINGS];
+    let mut row = [0.0; MAX_UNKNOWNS + 3];
+    for pixel in pixels {
+        let sample = &samples[pixel.sample];
+        let met = body.meet(&sample.ray);
+        let slope = f64::from(sample.ray.slope);
+        let m_per_px = met.distance_m * (1.0 + slope * slope) / f64::from(sample.ray.px_per_elevation);
+        let blur_px = state.blur_px.hypot(blunt_px);
+        let height = met.height_m + state.lower_m;
+        let value = profile(look, &state.reflectance, height, blur_px * m_per_px, &mut by_ring);
+        let up = 0.05 * m_per_px;
+        let higher = profile(look, &state.reflectance, height + up, blur_px * m_per_px, &mut unused);
+        let lower = profile(look, &state.reflectance, height - up, blur_px * m_per_px, &mut unused);
+        let by_height = (higher - lower) / (2.0 * up);
+        let softer = profile(look, &state.reflectance, height, (blur_px + 0.02) * m_per_px, &mut unused);
+        row[0] = 1.0;
+        row[1] = value;
+        row[2] = by_height * (turned.height_m(&sample.ray) - met.height_m) / BY_BEARING;
+        row[3] = by_height * (farther.height_m(&sample.ray) - met.height_m) / by_near;
+        row[4] = by_height;
+        row[5] = (softer - value) / 0.02;
+        // A stronger bend about the nearest line, which itself stays.
+        row[6] = by_height * slope * (met.distance_m - state.near_m);
+        row[7..7 + rings].copy_from_slice(&by_ring[..rings]);
+        row[2 + m] = sample.gray;
+        let gram = &mut grams[pixel.column];
+        gram.n += 1;
+        for i in 0..m + 3 {
+            for j in i..m + 3 {
+                gram.sums[i][j] += row[i] * row[j];
+            }
+        }
+    }
+}
+
+struct Shown {
+    columns: Vec<Column>,
+    visible_count: usize,
+    visible: f64,
+    correlation: f64,
+    gain: f64,
+    noise: f64,
+}
+
+/// Which columns show the rings.
+fn judge(grams: &[Gram], gray: usize, round: usize) -> Shown {
+    let m = gray;
+    let mut columns = vec![Column::default(); grams.len()];
+    let mut measured = 0;
+    let least = if round == 0 { LEAST_CORRELATION - 0.2 } else { LEAST_CORRELATION };
+    let mut gains = Vec::new();
+    let mut residuals = vec![0.0; grams.len()];
+    for (c, gram) in grams.iter().enumerate() {
+        if gram.n < 4 {
+            continue;
+        }
+        let s = &gram.sums;
+        let n = s[0][0];
+        let pp = s[1][1] - s[0][1] * s[0][1] / n;
+        let pi = s[1][m] - s[0][1] * s[0][m] / n;
+        let ii = s[m][m] - s[0][m] * s[0][m] / n;
+        // A column without a ring edge inside says nothing either way.
+        if pp < 1e-3 * n {
+            continue;
+        }
+        measured += 1;
+        let column = &mut columns[c];
+        column.gain = pi / pp;
+        column.offset = (s[0][m] - column.gain * s[0][1]) / n;
+        column.correlation = pi / (pp * (ii + LEAST_NOISE * LEAST_NOISE * n)).sqrt();
+        residuals[c] = ((ii - pi * pi / pp).max(0.0) / (n - 2.0).max(1.0)).sqrt();
+        column.visible = column.correlation > least;
+        if column.visible {
+            gains.push(column.gain);
+        }
+    }
+    let gain = median(&mut gains);
+    let (mut count, mut sum, mut rests) = (0, 0.0, Vec::new());
+    for (column, rest) in columns.iter_mut().zip(&residuals) {
+        column.visible &= column.gain > 0.35 * gain && column.gain < 2.5 * gain;
+        if column.visible {
+            count += 1;
+            sum += column.correlation;
+            rests.push(*rest);
+        }
+    }
+    let noise = median(&mut rests);
+    let typical = noise.max(LEAST_NOISE);
+    // A column that an occluder or a shadow touches fits worse than its fellows.
+    for (column, rest) in columns.iter_mut().zip(&residuals) {
+        if column.visible && *rest > 3.0 * typical {
+            column.visible = false;
+            count -= 1;
+            sum -= column.correlation;
+        }
+    }
+    Shown {
+        visible_count: count,
+        visible: count as f64 / f64::from(measured.max(1)),
+        correlation: sum / count.max(1) as f64,
+        gain,
+        noise: typical,
+        columns,
+    }
+}
+
+pub(super) fn median(values: &mut [f64]) -> f64 {
+    if values.is_empty() {
+        return 0.0;
+    }
+    values.sort_by(f64::total_cmp);
+    values[values.len() / 2]
+}
+
+struct Solved {
+    delta: DVector<f64>,
+    inverse: DMatrix<f64>,
+}
+
+fn solve(
+    grams: &[Gram],
+    columns: &[Column],
+    state: &State,
+    look: &CylinderLook,
+    m: usize,
+    bend_sigma: f64,
+) -> Option<Solved> {
+    let mut h = DMatrix::<f64>::zeros(m, m);
+    let mut g = DVector::<f64>::zeros(m);
+    let gray = 2 + m;
+    let mut noise2: f64 = 0.0;
+    let mut dof: f64 = 0.0;
+    for (gram, column) in grams.iter().zip(columns) {
+        if !column.visible {
+            continue;
+        }
+        let s = &gram.sums;
+        let at = |i: usize, j: usize| if i <= j { s[i][j] } else { s[j][i] };
+        let n = at(0, 0);
+        let pp = at(1, 1) - at(0, 1) * at(0, 1) / n;
+        // Inner products after the column's offset and gain are taken out.
+        let free = |i: usize, j: usize| {
+            let centred = at(i, j) - at(0, i) * at(0, j) / n;
+            let (pi, pj) = (at(1, i) - at(0, 1) * at(0, i) / n, at(1, j) - at(0, 1) * at(0, j) / n);
+            centred - pi * pj / pp
+        };
+        for i in 0..m {
+            for j in 0..m {
+                h[(i, j)] += column.gain * column.gain * free(2 + i, 2 + j);
+            }
+            g[i] += column.gain * free(2 + i, gray);
+        }
+        noise2 += free(gray, gray).max(0.0);
+        dof += (n - 2.0).max(0.0);
+    }
+    if dof < 4.0 {
+        return None;
+    }
+    let noise2 = (noise2 / dof).max(LEAST_NOISE * LEAST_NOISE);
+    let mut prior = |i: usize, value: f64, mean: f64, sigma: f64| {
+        h[(i, i)] += noise2 / (sigma * sigma);
+        g[i] += noise2 * (mean - value) / (sigma * sigma);
+    };
+    prior(0, 0.0, 0.0, 0.1);
+    prior(1, 0.0, 0.0, 0.5 * state.near_m);
+    prior(2, state.lower_m, 0.0, HEIGHT_SIGMA_M);
+    prior(3, state.blur_px, BLUR_PX, BLUR_SIGMA_PX);
+    prior(4, 0.0, 0.0, bend_sigma);
+    for (k, (r, announced)) in state.reflectance.iter().zip(&look.reflectance).enumerate() {
+        prior(SHAPE + k, *r, *announced, REFLECTANCE_SIGMA);
+    }
+    let factor = h.cholesky()?;
+    Some(Solved { delta: factor.solve(&g), inverse: factor.inverse() })
+}

@@ -1,0 +1,248 @@
+//! Where in the panorama a cylinder of known rings may stand: the coarse search.
+//!
+//! Insight: with the camera's height known, the vertical profile of a painted cylinder at range B is known exactly, so there are
+//! only two unknowns, bearing and range. Algorithm: at about a hundred ranges in geometric steps, every narrow strip of
+//! columns is correlated with the profile (running sums make the cost independent of the strip's size); strips vote for a
+//! body where its width says they belong; the best bodies are taken greedily. Narrow strips let a half hidden body be found.
+
+use std::f64::consts::TAU;
+
+use super::kernel::{self, Band};
+use super::look::CylinderLook;
+use crate::panorama::{PanoramaGeometry, Projection};
+
+/// Nearest and farthest range, metres, and the step between ranges.
+const RANGE_M: [f64; 2] = [0.6, 8.0];
+const RANGE_STEP: f64 = 1.03;
+/// Most candidates of one picture.
+pub const MAX_CANDIDATES: usize = 24;
+/// Strips below this correlation have no vote; above the second a whole one.
+const VOTE: [f32; 2] = [0.55, 0.85];
+/// Share of the body's strips that must vote.
+const LEAST_SUPPORT: f32 = 0.22;
+/// Gray levels per unit of reflectance below which nothing is a ring.
+const LEAST_GAIN: f32 = 15.0;
+/// Sensor noise and rounding in the panorama, squared grey levels.
+const NOISE2: f32 = 4.0;
+/// Rows at a ring's edge that the blur mixes.
+const TRIM_ROWS: f64 = 0.6;
+
+/// The grid of a cylindrical panorama: column u at bearing seam − 2π(u + ½)/W, row v at tangent top − (v + ½)(top − bottom)/H.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Grid {
+    /// Columns over 360°.
+    pub width: usize,
+    /// Rows.
+    pub height: usize,
+    /// Bearing of the left border, radians.
+    pub seam_rad: f64,
+    /// Tangents of the elevations of the upper and lower border.
+    pub tangents: [f64; 2],
+}
+
+impl Grid {
+    /// The grid of a panorama; `None` for a spherical one.
+    pub fn of(geometry: &PanoramaGeometry) -> Option<Self> {
+        (geometry.projection() == Projection::Cylinder).then(|| {
+            let [low, high] = geometry.elevation_rad();
+            Self {
+                width: geometry.width() as usize,
+                height: geometry.height() as usize,
+                seam_rad: geometry.theta0_rad(),
+                tangents: [high.tan(), low.tan()],
+            }
+        })
+    }
+}
+
+/// A place where a body may be.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Candidate {
+    /// Of the axis, radians.
+    pub bearing_rad: f64,
+    /// To the axis along the floor, metres.
+    pub range_m: f64,
+    /// Share of its strips that vote, 0 … 1.
+    pub support: f64,
+    /// Bearings [right, left] between which strips vote, radians.
+    pub seen_rad: [f64; 2],
+}
+
+#[derive(Debug)]
+struct Level {
+    range_m: f64,
+    bands: Vec<Band>,
+    half_columns: f64,
+}
+
+/// The search over one panorama, its tables reused from frame to frame.
+#[derive(Debug)]
+pub struct Search {
+    grid: Grid,
+    levels: Vec<Level>,
+    pad: usize,
+    sums: Vec<u32>,
+    squares: Vec<u32>,
+    votes: Vec<f32>,
+    support: Vec<f32>,
+}
+
+impl Search {
+    /// Prepares the profiles. `lowest` is the tangent of the lowest elevation that the camera sees.
+    pub fn new(grid: Grid, look: &CylinderLook, camera_height_m: f64, lowest: f64) -> Self {
+        let mut levels = Vec::new();
+        let mut range_m = RANGE_M[0].max(look.radius_m * 1.5);
+        while range_m < RANGE_M[1] {
+            if let Some(bands) = bands(&grid, look, camera_height_m, lowest, range_m) {
+                let half_columns = (look.radius_m / range_m).asin() / TAU * grid.width as f64;
+                levels.push(Level { range_m, bands, half_columns });
+            }
+            range_m *= RANGE_STEP;
+        }
+        let pad = grid.width / 4;
+        let table = (grid.height + 1) * (grid.width + 2 * pad + 1);
+        let map = levels.len() * grid.width;
+        Self {
+            grid,
+            levels,
+            pad,
+            sums: vec![0; table],
+            squares: vec![0; table],
+            votes: vec![0.0; map],
+            support: vec![0.0; map],
+        }
+    }
+
+    /// Pixels of the grid.
+    pub fn len(&self) -> usize {
+        self.grid.width * self.grid.height
+    }
+
+    /// Candidates, best first (≤ [`MAX_CANDIDATES`]). `panorama` holds one byte a pixel of the grid.
+    pub fn run(&mut self, panorama: &[u8]) -> Vec<Candidate> {
+        let Grid { width, height, .. } = self.grid;
+        kernel::integrate(panorama, width, height, self.pad, &mut self.sums, &mut self.squares);
+        for (level, (votes, support)) in
+            self.levels.iter().zip(self.votes.chunks_exact_mut(width).zip(self.support.chunks_exact_mut(width)))
+        {
+            vote(&self.sums, &self.squares, width, self.pad, level, votes);
+            gather(votes, level.half_columns * 0.85, support);
+        }
+        self.pick()
+    }
+
+    fn pick(&self) -> Vec<Candidate> {
+        let width = self.grid.width;
+        let mut peaks: Vec<(f32, usize, usize)> = Vec::new();
+        for l in 0..self.levels.len() {
+            for u in 0..width {
+                let s = self.support[l * width + u];
+                if s < LEAST_SUPPORT {
+                    continue;
+                }
+                let at = |l: usize, u: usize| self.support[l * width + u % width];
+                let beside = at(l, u + 1) > s || at(l, u + width - 1) >= s;
+                let nearer = l > 0 && at(l - 1, u) > s;
+                let farther = l + 1 < self.levels.len() && at(l + 1, u) >= s;
+                if !(beside || nearer || farther) {
+                    peaks.push((s, l, u));
+                }
+            }
+        }
+        peaks.sort_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)).then(a.2.cmp(&b.2)));
+        let mut picked: Vec<(usize, usize)> = Vec::new();
+        let mut candidates = Vec::new();
+        for (s, l, u) in peaks {
+            let level = &self.levels[l];
+            let taken = picked.iter().any(|(pl, pu)| {
+                let apart = (u + width - pu) % width;
+                let apart = apart.min(width - apart) as f64;
+                let ratio = self.levels[*pl].range_m / level.range_m;
+                apart < 0.6 * level.half_columns.min(self.levels[*pl].half_columns) && (0.8..1.25).contains(&ratio)
+            });
+            if taken {
+                continue;
+            }
+            picked.push((l, u));
+            candidates.push(self.candidate(l, u, s));
+            if candidates.len() == MAX_CANDIDATES {
+                break;
+            }
+        }
+        candidates
+    }
+
+    fn candidate(&self, l: usize, u: usize, support: f32) -> Candidate {
+        let Grid { width, seam_rad, .. } = self.grid;
+        let level = &self.levels[l];
+        let reach = (level.half_columns * 1.1).ceil() as i64;
+        let bearing = |x: f64| protocol::angle::wrap(seam_rad - TAU * (x + 0.5) / width as f64);
+        let seen: Vec<i64> = (-reach..=reach)
+            .filter(|d| self.votes[l * width + (u as i64 + d).rem_euclid(width as i64) as usize] > 0.3)
+            .collect();
+        let (first, last) = (seen.first().copied().unwrap_or(0), seen.last().copied().unwrap_or(0));
+        Candidate {
+            bearing_rad: bearing(u as f64),
+            range_m: level.range_m,
+            support: f64::from(support),
+            seen_rad: [bearing((u as i64 + last) as f64), bearing((u as i64 + first) as f64)],
+        }
+    }
+}
+
+/// The rows in which each ring appears at a range, middle of the body; `None` where fewer than two different rings are in view.
+fn bands(grid: &Grid, look: &CylinderLook, camera_height_m: f64, lowest: f64, range_m: f64) -> Option<Vec<Band>> {
+    // Strips lie anywhere on the front: on average a little behind the nearest line.
+    let distance = range_m - 0.92 * look.radius_m;
+    let [top, bottom] = grid.tangents;
+    let row = |tangent: f64| (top - tangent) / (top - bottom) * grid.height as f64;
+    let mut bands = Vec::new();
+    for (k, reflectance) in look.reflectance.iter().enumerate() {
+        let upper = row((look.edges_m[k + 1] - camera_height_m) / distance) + TRIM_ROWS;
+        let lower = row(((look.edges_m[k] - camera_height_m) / distance).max(lowest)) - TRIM_ROWS;
+        let from = upper.ceil().max(0.0) as usize;
+        let to = (lower.floor().max(0.0) as usize).min(grid.height);
+        if from < to {
+            bands.push(Band { rows: [from, to], reflectance: *reflectance as f32 });
+        }
+    }
+    let rows: usize = bands.iter().map(|b| b.rows[1] - b.rows[0]).sum();
+    let (low, high) = bands.iter().fold((f32::MAX, f32::MIN), |(l, h), b| (l.min(b.reflectance), h.max(b.reflectance)));
+    (rows >= 4 && high - low > 0.05).then_some(bands)
+}
+
+fn vote(sums: &[u32], squares: &[u32], width: usize, pad: usize, level: &Level, votes: &mut [f32]) {
+    let stride = width + 2 * pad + 1;
+    let half_strip = ((0.12 * level.half_columns) as usize).clamp(1, pad - 1);
+    let hop = half_strip.max(1);
+    let mut u = 0;
+    while u < width {
+        let middle = u + pad;
+        let (correlation, gain) = kernel::correlate(
+            sums,
+            squares,
+            stride,
+            &level.bands,
+            middle - half_strip,
+            middle + half_strip + 1,
+            NOISE2,
+        );
+        let vote =
+            if gain < LEAST_GAIN { 0.0 } else { ((correlation - VOTE[0]) / (VOTE[1] - VOTE[0])).clamp(0.0, 1.0) };
+        let end = (u + hop).min(width);
+        votes[u..end].fill(vote);
+        u = end;
+    }
+}
+
+/// Mean of the votes within `half` columns on either side, round the ring.
+fn gather(votes: &[f32], half: f64, support: &mut [f32]) {
+    let n = votes.len();
+    let h = (half as usize).clamp(1, n / 4);
+    let mut sum: f32 = (0..=2 * h).map(|i| votes[(n + i - h) % n]).sum();
+    let scale = 1.0 / (2 * h + 1) as f32;
+    for u in 0..n {
+        support[u] = sum * scale;
+        sum += votes[(u + h + 1) % n] - votes[(u + n - h) % n];
+    }
+}
