@@ -20,10 +20,10 @@ use crate::world::vector::V3;
 use crate::world::{State, World};
 use light::Caster;
 use moving::Mover;
-use rays::{Rays, Stand};
+use rays::{Rays, Stand, TILE_PX};
 use scene::{Glow, Scene};
 use sensor::Sensor;
-use still::{EDGE_SAMPLES, Still, StillPicture};
+use still::{EDGE_SAMPLES, ROBOT_KEYS, Still, StillPicture};
 
 /// Grey level of the light that all but [`BRIGHTEST_SHARE`] of the pixels stay below.
 const FULL_GRAY: f32 = 215.0;
@@ -51,7 +51,6 @@ pub struct Renderer {
     robot: usize,
     standing: Vec<Caster>,
     still: StillPicture,
-    still_is_fine: bool,
     sensor: Sensor,
     gain: f32,
     canvas: Canvas,
@@ -61,8 +60,12 @@ pub struct Renderer {
 struct Canvas {
     light: Vec<f32>,
     key: Vec<u32>,
-    mover: Vec<u16>,
+    /// Mover and part.
+    shown: Vec<(u16, u16)>,
     depth: Vec<f32>,
+    /// The stamp of the last mover that was counted here.
+    counted: Vec<u32>,
+    stamp: u32,
     touched: Vec<u32>,
 }
 
@@ -92,7 +95,6 @@ impl Renderer {
             robot,
             standing,
             still: StillPicture::new(rays, Stand::new(f64::NAN, 0.0, 0.0)),
-            still_is_fine: false,
             sensor: Sensor::new(
                 world.camera().blur_px,
                 world.camera().noise_gray,
@@ -102,8 +104,10 @@ impl Renderer {
             canvas: Canvas {
                 light: vec![0.0; pixels],
                 key: vec![0; pixels],
-                mover: vec![u16::MAX; pixels],
+                shown: vec![(0, 0); pixels],
                 depth: vec![f32::INFINITY; pixels],
+                counted: vec![0; pixels],
+                stamp: 0,
                 touched: Vec::new(),
             },
         };
@@ -147,12 +151,11 @@ impl Renderer {
     fn look_from(&mut self, state: &State) {
         let robot = &state.robots[self.robot];
         let stand = Stand::new(robot.x_m, robot.y_m, robot.heading_rad);
-        if self.still.stand == stand && (self.still_is_fine || robot.moving) {
+        if self.still.stand == stand && (self.still.is_fine || robot.moving) {
             return;
         }
         let still = Still::new(&self.scene, stand, &self.standing);
         self.still.fill(&still, &self.rays, !robot.moving);
-        self.still_is_fine = !robot.moving;
     }
 
     /// Chooses the exposure from the empty room.
@@ -177,21 +180,54 @@ impl Renderer {
         movers
     }
 
-    /// Takes the light away that movers keep from what stands still.
+    /// Takes the light away that movers keep from what stands still, tile by tile.
     fn throw_shadows(&mut self, movers: &[Mover], strength: &light::PerLamp) {
         let lights = self.scene.lights();
-        for pixel in self.rays.lit.iter().map(|p| *p as usize) {
-            let p: V3 = self.still.point[pixel];
-            let glow = &self.still.glow[pixel];
+        // Shadows of standing robots are in the picture already, unless it was made in haste.
+        let standing: &[Caster] = if self.still.is_fine { &[] } else { &self.standing };
+        let casters: Vec<&Caster> = movers.iter().map(|m| &m.caster).chain(standing).collect();
+        let mut shading = Vec::new();
+        for (tile, (middle, radius, is_plain)) in self.rays.tiles.iter().zip(&self.still.balls) {
             for k in 0..lights.count() {
-                if glow.lamps[k] < 1e-4 {
+                let lamp = lights.position(k);
+                shading.clear();
+                shading.extend(
+                    casters
+                        .iter()
+                        .enumerate()
+                        .filter_map(|(n, caster)| caster.parts_shading(*middle, *radius, lamp).map(|parts| (n, parts))),
+                );
+                if shading.is_empty() {
                     continue;
                 }
-                let mut open = 1.0;
-                for mover in movers {
-                    open *= 1.0 - mover.caster.shade(p, lights.position(k));
+                // Shadows are soft: where a whole tile shows one surface, one test serves four pixels.
+                let coarse = *is_plain && tile.len() == TILE_PX * TILE_PX;
+                let open_at = |pixel: usize| {
+                    let p: V3 = self.still.point[pixel];
+                    let is_robot = self.still.key[pixel] >= ROBOT_KEYS;
+                    shading
+                        .iter()
+                        .filter(|(n, _)| !(is_robot && *n >= movers.len()))
+                        .fold(1.0, |open, (n, parts)| open * (1.0 - casters[*n].shade_by(*parts, p, lamp)))
+                };
+                let mut blocks = [0.0f32; TILE_PX * TILE_PX / 4];
+                if coarse {
+                    for (n, open) in blocks.iter_mut().enumerate() {
+                        let (column, row) = (n % (TILE_PX / 2), n / (TILE_PX / 2));
+                        *open = open_at(tile[2 * row * TILE_PX + 2 * column] as usize);
+                    }
                 }
-                self.canvas.light[pixel] -= (1.0 - open) * glow.lamps[k] * strength[k];
+                for (n, pixel) in tile.iter().map(|p| *p as usize).enumerate() {
+                    let lit = self.still.glow[pixel].lamps[k] * strength[k];
+                    let open = if coarse {
+                        blocks[n / TILE_PX / 2 * (TILE_PX / 2) + n % TILE_PX / 2]
+                    } else if lit > 1e-4 {
+                        open_at(pixel)
+                    } else {
+                        1.0
+                    };
+                    self.canvas.light[pixel] -= (1.0 - open) * lit;
+                }
             }
         }
     }
@@ -202,25 +238,31 @@ impl Renderer {
         let mut alone = vec![0u32; people];
         let canvas = &mut self.canvas;
         for (n, mover) in movers.iter().enumerate() {
-            for pixel in self.rays.window(&self.still.stand, &mover.caster.bound) {
-                let ray = self.still.stand.room_from_body(self.rays.ray(pixel, 0.0, 0.0));
-                let Some(hit) = mover.hit(&ray, f32::INFINITY) else { continue };
-                if let (Some(person), true) = (mover.person_index(), self.rays.is_nominal[pixel]) {
-                    alone[person] += 1;
-                }
-                if hit.t < self.still.depth[pixel].min(canvas.depth[pixel]) {
-                    if canvas.key[pixel] == 0 {
-                        canvas.touched.push(pixel as u32);
+            canvas.stamp += 1;
+            for part in 0..mover.parts() {
+                for pixel in self.rays.window(&self.still.stand, &mover.part_bound(part)) {
+                    let ray = self.still.stand.room_from_body(self.rays.ray(pixel, 0.0, 0.0));
+                    let Some(hit) = mover.hit_part(part, &ray, f32::INFINITY) else { continue };
+                    if canvas.counted[pixel] != canvas.stamp {
+                        canvas.counted[pixel] = canvas.stamp;
+                        if let (Some(person), true) = (mover.person_index(), self.rays.is_nominal[pixel]) {
+                            alone[person] += 1;
+                        }
                     }
-                    canvas.depth[pixel] = hit.t;
-                    canvas.mover[pixel] = n as u16;
-                    canvas.key[pixel] = mover.key(&hit, &ray);
+                    if hit.t < self.still.depth[pixel].min(canvas.depth[pixel]) {
+                        if canvas.key[pixel] == 0 {
+                            canvas.touched.push(pixel as u32);
+                        }
+                        canvas.depth[pixel] = hit.t;
+                        canvas.shown[pixel] = (n as u16, part as u16);
+                        canvas.key[pixel] = mover.key(&hit, &ray);
+                    }
                 }
             }
         }
         let mut seen = vec![0u32; people];
         for pixel in canvas.touched.iter().map(|p| *p as usize).filter(|p| self.rays.is_nominal[*p]) {
-            if let Some(person) = movers[usize::from(canvas.mover[pixel])].person_index() {
+            if let Some(person) = movers[usize::from(canvas.shown[pixel].0)].person_index() {
                 seen[person] += 1;
             }
         }
@@ -249,9 +291,11 @@ impl Renderer {
                 continue;
             }
             let ray = self.still.stand.room_from_body(self.rays.ray(pixel, 0.0, 0.0));
-            let mover = &movers[usize::from(self.canvas.mover[pixel])];
-            if let Some(hit) = mover.hit(&ray, f32::INFINITY) {
-                self.canvas.light[pixel] = mover.glow(&hit, &ray, &self.scene, &casters).total(strength);
+            let (n, part) = self.canvas.shown[pixel];
+            let mover = &movers[usize::from(n)];
+            if let Some(hit) = mover.hit_part(usize::from(part), &ray, f32::INFINITY) {
+                let open = mover.open(ray.at(hit.t), &self.scene, &casters);
+                self.canvas.light[pixel] = mover.glow(&hit, &ray, &self.scene, &open).total(strength);
             }
         }
         edges.sort_unstable();
@@ -271,20 +315,34 @@ impl Renderer {
         strength: &light::PerLamp,
     ) -> f32 {
         let bearing = self.rays.bearing[pixel];
+        let stand = &self.still.stand;
+        let middle = stand.room_from_body(self.rays.ray(pixel, 0.0, 0.0));
+        let is_mixed = self.still.mixed[pixel];
+        // What the pixel can show of movers: parts that a ray through its middle meets once they are a pixel thicker.
+        let mut near: Vec<(usize, usize)> = Vec::new();
+        for (n, mover) in movers.iter().enumerate() {
+            mover.near_parts(&middle, 1.5 * self.rays.pixel_rad, |part| near.push((n, part)));
+        }
+        // Shadows are soft: once a pixel and mover.
+        let mut open: Vec<Option<light::PerLamp>> = vec![None; movers.len()];
         let mut sum = 0.0;
         for [du, dv] in EDGE_SAMPLES {
-            let ray = self.still.stand.room_from_body(self.rays.ray(pixel, du, dv));
-            let behind = if self.still.mixed[pixel] { Some(still.hit(&ray, bearing)) } else { None };
+            let ray = stand.room_from_body(self.rays.ray(pixel, du, dv));
+            let behind = if is_mixed { Some(still.hit(&ray, bearing)) } else { None };
             let mut limit = behind.map_or(self.still.depth[pixel], |h| h.t);
             let mut first = None;
-            for mover in movers {
-                if let Some(hit) = mover.hit(&ray, limit) {
+            for (n, part) in &near {
+                if let Some(hit) = movers[*n].hit_part(*part, &ray, limit) {
                     limit = hit.t;
-                    first = Some((mover, hit));
+                    first = Some((*n, hit));
                 }
             }
             sum += match (first, behind) {
-                (Some((mover, hit)), _) => mover.glow(&hit, &ray, &self.scene, casters).total(strength),
+                (Some((n, hit)), _) => {
+                    let mover = &movers[n];
+                    let open = open[n].get_or_insert_with(|| mover.open(ray.at(hit.t), &self.scene, casters));
+                    mover.glow(&hit, &ray, &self.scene, open).total(strength)
+                }
                 (None, Some(hit)) => {
                     let mut glow: Glow = still.glow(&hit, &ray, 0.5 * self.rays.pixel_rad);
                     let p = ray.at(hit.t);
@@ -305,7 +363,6 @@ impl Renderer {
         let canvas = &mut self.canvas;
         for pixel in canvas.touched.drain(..).map(|p| p as usize) {
             canvas.key[pixel] = 0;
-            canvas.mover[pixel] = u16::MAX;
             canvas.depth[pixel] = f32::INFINITY;
         }
     }

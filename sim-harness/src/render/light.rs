@@ -128,18 +128,30 @@ pub struct Caster {
     pub uprights: Vec<Upright>,
 }
 
+/// Parts of a caster that can shade some place.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Parts(u32);
+
 impl Caster {
+    /// All parts.
+    pub const ALL: Parts = Parts(u32::MAX);
+
     /// Share of a lamp's light that is kept from `p`, 0 … 1.
     #[inline]
     pub fn shade(&self, p: V3, lamp: V3) -> f32 {
+        if self.may_shade(p, lamp - p, 0.0) { self.shade_by(Self::ALL, p, lamp) } else { 0.0 }
+    }
+
+    /// As [`Self::shade`], of some parts only.
+    #[inline]
+    pub fn shade_by(&self, parts: Parts, p: V3, lamp: V3) -> f32 {
         let way = lamp - p;
-        if !self.may_shade(p, way, 0.0) {
-            return 0.0;
-        }
         let mut most = 0.0f32;
-        for capsule in &self.capsules {
-            let (distance, share) = nearest(p, way, capsule.a, capsule.b - capsule.a);
-            most = most.max(half_shadow(distance - capsule.radius, share));
+        for (n, capsule) in self.capsules.iter().enumerate() {
+            if parts.0 >> n & 1 != 0 {
+                let (distance, share) = nearest(p, way, capsule.a, capsule.b - capsule.a);
+                most = most.max(half_shadow(distance - capsule.radius, share));
+            }
         }
         for upright in &self.uprights {
             most = most.max(behind_upright(upright, p, way));
@@ -147,19 +159,36 @@ impl Caster {
         most
     }
 
+    /// The parts that can shade anything within `spread` of `p`; `None` where there are none.
+    pub fn parts_shading(&self, p: V3, spread: f32, lamp: V3) -> Option<Parts> {
+        let way = lamp - p;
+        if !self.may_shade(p, way, spread) {
+            return None;
+        }
+        let mut parts = 0;
+        for (n, capsule) in self.capsules.iter().enumerate() {
+            let (distance, share) = nearest(p, way, capsule.a, capsule.b - capsule.a);
+            // The half shadow widens towards the lamp; a little is added for the share at the tile's rim.
+            if distance < capsule.radius + spread + LAMP_RADIUS_M * (share + 0.1) {
+                parts |= 1 << n;
+            }
+        }
+        (parts != 0 || !self.uprights.is_empty()).then_some(Parts(parts))
+    }
+
     /// Whether anything within `spread` of `p` can be in its shadow.
     #[inline]
-    pub fn may_shade(&self, p: V3, way: V3, spread: f32) -> bool {
+    fn may_shade(&self, p: V3, way: V3, spread: f32) -> bool {
         let (ox, oy) = (p.x - self.bound.x, p.y - self.bound.y);
-        let flat2 = way.x * way.x + way.y * way.y;
-        let share = (-(ox * way.x + oy * way.y) / flat2.max(1e-9)).clamp(0.0, 1.0);
+        let flat2 = (way.x * way.x + way.y * way.y).max(1e-9);
+        let share = (-(ox * way.x + oy * way.y) / flat2).clamp(0.0, 1.0);
         let (dx, dy) = (ox + share * way.x, oy + share * way.y);
         let reach = self.bound.radius + LAMP_RADIUS_M + spread;
         if dx * dx + dy * dy > reach * reach {
             return false;
         }
         // The way enters the bounding circle before its nearest point: the lowest point inside decides.
-        let enter = (share - reach / flat2.max(1e-9).sqrt()).max(0.0);
+        let enter = (share - reach / flat2.sqrt()).max(0.0);
         p.z - spread + enter * way.z < self.bound.high + LAMP_RADIUS_M
     }
 }

@@ -1,6 +1,6 @@
 //! What moves: people and driving robots, drawn over the picture of what stands still, with their shadows.
 
-use super::light::Caster;
+use super::light::{Caster, PerLamp};
 use super::scene::{Glow, Scene};
 use super::still::{robot_caster, robot_glow, robot_key};
 use crate::world::MAX_LAMPS;
@@ -49,24 +49,61 @@ impl Mover {
         self.caster.body.checked_sub(FIRST_PERSON).map(usize::from)
     }
 
-    /// Nearest meeting with a ray of the room, nearer than `limit`.
+    /// Number of parts.
+    pub fn parts(&self) -> usize {
+        self.caster.capsules.len() + self.caster.uprights.len()
+    }
+
+    /// The upright cylinder round a part.
+    pub fn part_bound(&self, part: usize) -> Upright {
+        match self.caster.capsules.get(part) {
+            Some(c) => Upright {
+                x: 0.5 * (c.a.x + c.b.x),
+                y: 0.5 * (c.a.y + c.b.y),
+                radius: 0.5 * (c.a.x - c.b.x).hypot(c.a.y - c.b.y) + c.radius,
+                low: c.a.z.min(c.b.z) - c.radius,
+                high: c.a.z.max(c.b.z) + c.radius,
+            },
+            None => self.caster.uprights[part - self.caster.capsules.len()],
+        }
+    }
+
+    /// Meeting of one part with a ray of the room, nearer than `limit`.
     #[inline]
-    pub fn hit(&self, ray: &Ray, limit: f32) -> Option<MoverHit> {
-        let mut best: Option<MoverHit> = None;
-        let mut limit = limit;
-        for (part, capsule) in self.caster.capsules.iter().enumerate() {
-            if let Some(t) = capsule.hit(ray, limit) {
-                limit = t;
-                best = Some(MoverHit { t, part, normal: None });
+    pub fn hit_part(&self, part: usize, ray: &Ray, limit: f32) -> Option<MoverHit> {
+        match self.caster.capsules.get(part) {
+            Some(capsule) => capsule.hit(ray, limit).map(|t| MoverHit { t, part, normal: None }),
+            None => {
+                let upright = &self.caster.uprights[part - self.caster.capsules.len()];
+                upright.hit(ray, limit).map(|(t, normal)| MoverHit { t, part, normal: Some(normal) })
             }
         }
-        for (part, upright) in self.caster.uprights.iter().enumerate() {
-            if let Some((t, normal)) = upright.hit(ray, limit) {
-                limit = t;
-                best = Some(MoverHit { t, part, normal: Some(normal) });
+    }
+
+    /// Calls `each` with the parts that come within an angle of `spread_rad` of a ray.
+    pub fn near_parts(&self, ray: &Ray, spread_rad: f32, mut each: impl FnMut(usize)) {
+        let bound = &self.caster.bound;
+        let distance = (bound.x - ray.origin.x).hypot(bound.y - ray.origin.y);
+        let grown = (distance + bound.radius) * spread_rad;
+        let round =
+            Upright { radius: bound.radius + grown, low: bound.low - grown, high: bound.high + grown, ..*bound };
+        if distance > round.radius && round.hit(ray, f32::INFINITY).is_none() {
+            return;
+        }
+        for part in 0..self.parts() {
+            let meets = match self.caster.capsules.get(part) {
+                Some(c) => Capsule { radius: c.radius + grown, ..*c }.hit(ray, f32::INFINITY).is_some(),
+                None => {
+                    let u = &self.caster.uprights[part - self.caster.capsules.len()];
+                    Upright { radius: u.radius + grown, low: u.low - grown, high: u.high + grown, ..*u }
+                        .hit(ray, f32::INFINITY)
+                        .is_some()
+                }
+            };
+            if meets {
+                each(part);
             }
         }
-        best
     }
 
     /// Distinguishes surfaces between which a pixel shows an edge; never 0.
@@ -78,19 +115,28 @@ impl Mover {
         }
     }
 
-    /// What the met point sends to the camera. `others` throw shadows on it.
-    pub fn glow(&self, hit: &MoverHit, ray: &Ray, scene: &Scene, others: &[&Caster]) -> Glow {
+    /// Share of each lamp's light that others leave at a point on it.
+    pub fn open(&self, p: V3, scene: &Scene, others: &[&Caster]) -> PerLamp {
+        let mut open = [1.0; MAX_LAMPS];
+        for (k, open) in open.iter_mut().enumerate().take(scene.lights().count()) {
+            let lamp = scene.lights().position(k);
+            for other in others.iter().filter(|c| c.body != self.caster.body) {
+                *open *= 1.0 - other.shade(p, lamp);
+            }
+        }
+        open
+    }
+
+    /// What the met point sends to the camera; `open` is the share of each lamp's light that comes there.
+    pub fn glow(&self, hit: &MoverHit, ray: &Ray, scene: &Scene, open: &PerLamp) -> Glow {
         let p = ray.at(hit.t);
         let mut glow = match (hit.normal, &self.clothes) {
             (Some(normal), _) => robot_glow(scene, hit.part, p, normal),
             (None, Some(clothes)) => self.person_glow(hit.part, clothes, p, scene),
             (None, None) => Glow::default(),
         };
-        for k in 0..scene.lights().count() {
-            let lamp = scene.lights().position(k);
-            for other in others.iter().filter(|c| c.body != self.caster.body) {
-                glow.lamps[k] *= 1.0 - other.shade(p, lamp);
-            }
+        for k in 0..MAX_LAMPS {
+            glow.lamps[k] *= open[k];
         }
         glow
     }

@@ -13,8 +13,10 @@ use crate::world::vector::{Ray, V3, v3};
 const RIM_PX: f64 = 3.0;
 /// Sectors of bearing by which pixels are sorted.
 const SECTORS: usize = 720;
+/// Edge of a tile.
+pub const TILE_PX: usize = 8;
 /// Windows are drawn this much wider than the solid: rays start up to 2 cm off the axis.
-const MARGIN_M: f32 = 0.04;
+const MARGIN_M: f32 = 0.025;
 
 fn sector(bearing: f32) -> usize {
     let turn = bearing / TAU;
@@ -42,8 +44,10 @@ pub struct Rays {
     pub camera_height_m: f32,
     /// Mean angle that a pixel shows.
     pub pixel_rad: f32,
-    /// Lit pixels by sector of bearing.
-    sectors: Vec<Vec<u32>>,
+    /// Lit pixels in squares of [`TILE_PX`].
+    pub tiles: Vec<Vec<u32>>,
+    /// Lit pixels by sector of bearing, with their slopes, by slope.
+    sectors: Vec<Vec<(f32, u32)>>,
     corners: Vec<[f32; 6]>,
 }
 
@@ -63,6 +67,7 @@ impl Rays {
             slope: vec![0.0; pixels],
             camera_height_m: spec.height_m as f32,
             pixel_rad: 0.0,
+            tiles: Vec::new(),
             sectors: vec![Vec::new(); SECTORS],
             corners: vec![[0.0; 6]; (width + 1) * (height + 1)],
         };
@@ -99,8 +104,16 @@ impl Rays {
                 rays.slope[i] = (t.direction.z / t.direction.x.hypot(t.direction.y)) as f32;
             }
         }
+        let columns = width.div_ceil(TILE_PX);
+        rays.tiles = vec![Vec::new(); columns * height.div_ceil(TILE_PX)];
         for pixel in &rays.lit {
-            rays.sectors[sector(rays.bearing[*pixel as usize])].push(*pixel);
+            let p = *pixel as usize;
+            rays.sectors[sector(rays.bearing[p])].push((rays.slope[p], *pixel));
+            rays.tiles[(p / width) / TILE_PX * columns + (p % width) / TILE_PX].push(*pixel);
+        }
+        rays.tiles.retain(|tile| !tile.is_empty());
+        for sector in &mut rays.sectors {
+            sector.sort_by(|a, b| a.0.total_cmp(&b.0));
         }
         rays
     }
@@ -125,9 +138,13 @@ impl Rays {
         let first = sector(middle) as i64 - span;
         let count = (2 * span + 1).min(SECTORS as i64);
         (0..count)
-            .flat_map(move |i| &self.sectors[(first + i).rem_euclid(SECTORS as i64) as usize])
-            .map(|p| *p as usize)
-            .filter(move |p| self.slope[*p] >= low && self.slope[*p] <= high)
+            .flat_map(move |i| {
+                let sector = &self.sectors[(first + i).rem_euclid(SECTORS as i64) as usize];
+                let from = sector.partition_point(|(slope, _)| *slope < low);
+                let to = sector.partition_point(|(slope, _)| *slope <= high);
+                &sector[from..to.max(from)]
+            })
+            .map(|(_, pixel)| *pixel as usize)
     }
 
     /// The pixels around a pixel; lit ones never touch the picture's rim.

@@ -87,13 +87,7 @@ impl<'a> Still<'a> {
     #[inline]
     pub fn glow(&self, hit: &StillHit, ray: &Ray, pixel_rad: f32) -> Glow {
         let p = ray.at(hit.t);
-        let (mut glow, own) = match hit.robot {
-            Some((n, part, normal)) => (robot_glow(self.scene, part, p, normal), n),
-            None => {
-                let facing = ray.direction.dot(self.scene.normal(hit.patch)).abs().max(0.02);
-                (self.scene.glow(hit.patch, p, hit.t * pixel_rad / facing.sqrt()), usize::MAX)
-            }
-        };
+        let (mut glow, own) = self.bare_glow(hit, ray, pixel_rad);
         for k in 0..self.scene.lights().count() {
             let lamp = self.scene.lights().position(k);
             for (n, caster) in self.casters.iter().enumerate() {
@@ -104,12 +98,37 @@ impl<'a> Still<'a> {
         }
         glow
     }
+
+    /// As [`Self::glow`] without the shadows of robots, and which robot it is.
+    #[inline]
+    fn bare_glow(&self, hit: &StillHit, ray: &Ray, pixel_rad: f32) -> (Glow, usize) {
+        let p = ray.at(hit.t);
+        match hit.robot {
+            Some((n, part, normal)) => (robot_glow(self.scene, part, p, normal), n),
+            None => {
+                let facing = ray.direction.dot(self.scene.normal(hit.patch)).abs().max(0.02);
+                (self.scene.glow(hit.patch, p, hit.t * pixel_rad / facing.sqrt()), usize::MAX)
+            }
+        }
+    }
+}
+
+/// Keys of robots begin here.
+pub const ROBOT_KEYS: u32 = 0x1_0000;
+
+/// A ball round the points of some pixels.
+fn ball(pixels: &[u32], points: &[V3], keys: &[u32]) -> (V3, f32, bool) {
+    let share = 1.0 / pixels.len().max(1) as f32;
+    let middle = pixels.iter().fold(V3::default(), |sum, p| sum + points[*p as usize] * share);
+    let radius = pixels.iter().map(|p| (points[*p as usize] - middle).length()).fold(0.0, f32::max);
+    let is_plain = pixels.windows(2).all(|w| keys[w[0] as usize] == keys[w[1] as usize]);
+    (middle, radius, is_plain)
 }
 
 /// Distinguishes the painted parts of robots.
 pub fn robot_key(robot: usize, part: usize, z: f32, normal_z: f32) -> u32 {
     let ring = if normal_z.abs() > 0.5 { 15 } else { (z * 10.0) as u32 };
-    0x1_0000 + ((robot as u32) << 8) + ((part as u32) << 4) + ring
+    ROBOT_KEYS + ((robot as u32) << 8) + ((part as u32) << 4) + ring
 }
 
 /// What a point on a robot sends to the camera, nobody's shadow on it.
@@ -169,6 +188,10 @@ pub struct StillPicture {
     pub glow: Vec<Glow>,
     /// Whether more than one surface shows in the pixel.
     pub mixed: Vec<bool>,
+    /// Middle and radius of the ball round all points of each tile of pixels, and whether the tile shows one surface.
+    pub balls: Vec<(V3, f32, bool)>,
+    /// Whether the standing robots' shadows are in `glow`.
+    pub is_fine: bool,
 }
 
 impl StillPicture {
@@ -182,12 +205,16 @@ impl StillPicture {
             key: vec![u32::MAX; n],
             glow: vec![Glow::default(); n],
             mixed: vec![false; n],
+            balls: Vec::new(),
+            is_fine: false,
         }
     }
 
-    /// Works the picture out; `fine` takes several samples also where a pixel shows one surface.
+    /// Works the picture out; `fine` takes several samples also where a pixel shows one surface, and adds the shadows of
+    /// the standing robots.
     pub fn fill(&mut self, still: &Still<'_>, rays: &Rays, fine: bool) {
         self.stand = still.stand;
+        self.is_fine = fine;
         let pixel_rad = rays.pixel_rad;
         for pixel in rays.lit.iter().map(|p| *p as usize) {
             let ray = still.stand.room_from_body(rays.ray(pixel, 0.0, 0.0));
@@ -196,9 +223,11 @@ impl StillPicture {
             self.point[pixel] = ray.at(hit.t);
             self.key[pixel] = hit.key;
             if !fine {
-                self.glow[pixel] = still.glow(&hit, &ray, pixel_rad);
+                self.glow[pixel] = still.bare_glow(&hit, &ray, pixel_rad).0;
             }
         }
+        self.balls.clear();
+        self.balls.extend(rays.tiles.iter().map(|tile| ball(tile, &self.point, &self.key)));
         for pixel in rays.lit.iter().map(|p| *p as usize) {
             self.mixed[pixel] =
                 rays.neighbours(pixel).into_iter().any(|n| rays.is_lit[n] && self.key[n] != self.key[pixel]);
@@ -212,7 +241,12 @@ impl StillPicture {
             for [du, dv] in samples {
                 let ray = still.stand.room_from_body(rays.ray(pixel, *du, *dv));
                 let hit = still.hit(&ray, rays.bearing[pixel]);
-                sum.add(&still.glow(&hit, &ray, 0.5 * pixel_rad), share);
+                let glow = if fine {
+                    still.glow(&hit, &ray, 0.5 * pixel_rad)
+                } else {
+                    still.bare_glow(&hit, &ray, 0.5 * pixel_rad).0
+                };
+                sum.add(&glow, share);
             }
             self.glow[pixel] = sum;
         }

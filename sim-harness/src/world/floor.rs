@@ -80,7 +80,38 @@ impl Grid {
                 keep_out.iter().fold(floor.clearance(p), |least, (q, r)| least.min((p - q).norm() - r))
             })
             .collect();
+        grid.close_pockets();
         grid
+    }
+
+    /// Leaves only the largest connected part free: nobody is born behind a cabinet.
+    fn close_pockets(&mut self) {
+        let mut label = vec![0usize; self.clearance.len()];
+        let (mut largest, mut most) = (0, 0);
+        for start in 0..label.len() {
+            if label[start] != 0 || self.clearance[start] <= self.margin {
+                continue;
+            }
+            let (mut open, mut size) = (vec![start], 0);
+            label[start] = start + 1;
+            while let Some(i) = open.pop() {
+                size += 1;
+                for (j, _) in self.neighbours(i).collect::<Vec<_>>() {
+                    if label[j] == 0 && self.clearance[j] > self.margin {
+                        label[j] = start + 1;
+                        open.push(j);
+                    }
+                }
+            }
+            if size > most {
+                (largest, most) = (start + 1, size);
+            }
+        }
+        for (clearance, label) in self.clearance.iter_mut().zip(&label) {
+            if *label != largest {
+                *clearance = clearance.min(self.margin);
+            }
+        }
     }
 
     fn place(&self, i: usize) -> Vector2<f64> {

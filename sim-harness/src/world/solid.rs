@@ -198,8 +198,8 @@ mod tests {
     fn a_ray_meets_a_capsule_where_it_is_one_radius_from_the_axis() {
         let capsule = Capsule { a: v3(2.0, -0.3, 0.1), b: v3(2.4, 0.5, 1.2), radius: 0.11 };
         let mut hits = 0;
-        for i in 0..400 {
-            let ray = ray(v3(0.0, 0.1, 0.6), v3(2.2, -0.6 + 0.003 * i as f32, 0.2 + 0.003 * i as f32));
+        for i in 0..4000 {
+            let ray = ray(v3(0.0, 0.1, 0.6), v3(2.2, -0.6 + 0.0003 * i as f32, 0.2 + 0.0003 * i as f32));
             if let Some(t) = capsule.hit(&ray, 100.0) {
                 let (_, normal) = capsule.surface(ray.at(t));
                 assert!((normal.length() - 1.0).abs() < 1e-4, "{normal:?}");

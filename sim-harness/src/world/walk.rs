@@ -344,19 +344,27 @@ impl<'a> Crowd<'a> {
         w.phase += std::f64::consts::TAU * speed * STEP_S / (STRIDE_M * self.heights_m[n] / 1.75);
     }
 
+    /// Nobody walks into anybody: what is left of an approach below arm's length is taken from the velocities, and who is
+    /// too near is eased away.
     fn keep_apart(&mut self) {
         for a in 0..self.walkers.len() {
             for b in a + 1..self.walkers.len() {
                 let apart = self.walkers[a].position - self.walkers[b].position;
                 let d = apart.norm().max(1e-3);
-                if d < APART_M {
-                    // At most a gentle step, so that nobody jumps.
-                    let push = apart / d * (0.5 * (APART_M - d)).min(0.4 * STEP_S);
-                    for (n, push) in [(a, push), (b, -push)] {
-                        let next = self.walkers[n].position + push;
-                        if n >= self.standing && self.grid.clearance(next) > 0.18 {
-                            self.walkers[n].position = next;
-                        }
+                if d >= APART_M + 0.15 {
+                    continue;
+                }
+                let away = apart / d;
+                let most = 0.5 * (d - APART_M).max(0.0) / 0.15;
+                let push = (0.5 * (APART_M - d)).clamp(0.0, 0.7 * STEP_S);
+                for (n, away) in [(a, away), (b, -away)] {
+                    let approach = -self.walkers[n].velocity.dot(&away);
+                    if approach > most {
+                        self.walkers[n].velocity += away * (approach - most);
+                    }
+                    let next = self.walkers[n].position + away * push;
+                    if n >= self.standing && self.grid.clearance(next) > 0.18 {
+                        self.walkers[n].position = next;
                     }
                 }
             }

@@ -181,8 +181,8 @@ mod tests {
 
     #[test]
     fn the_mean_of_a_slot_behind_the_robot_does_not_break_at_the_seam() {
-        let mut slot = Slot::new(at(0.0), sighted(3.14));
-        slot.add(at(0.1), sighted(-3.14));
+        let mut slot = Slot::new(at(0.0), sighted(std::f64::consts::PI - 0.001));
+        slot.add(at(0.1), sighted(0.001 - std::f64::consts::PI));
         assert!(wrap(slot.mean().bearing_rad - std::f64::consts::PI).abs() < 1e-6);
         assert!((slot.mean().bearing_var - 5e-7).abs() < 1e-12);
     }

@@ -116,6 +116,16 @@ pub fn height_m(
     (camera_height_m + range_m * t, var)
 }
 
+/// Height from two elevations (camera height, range, elevation and its sigma each): mean by the weights cos⁴α/(Dσ)², and
+/// how far the two disagree in sigmas of the angles alone: the matching test.
+pub fn fuse_heights(one: (f64, f64, f64, f64), two: (f64, f64, f64, f64)) -> (f64, f64) {
+    let of = |(camera_m, range_m, elevation, sigma): (f64, f64, f64, f64)| {
+        height_m(camera_m, range_m, elevation, sigma, 0.0)
+    };
+    let ((z1, v1), (z2, v2)) = (of(one), of(two));
+    ((z1 * v2 + z2 * v1) / (v1 + v2), (z1 - z2) / (v1 + v2).sqrt())
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -165,6 +175,16 @@ mod tests {
                 assert!((side * c[(0, 1)] / cov("rt") - 1.0).abs() < 1e-10);
             }
         }
+    }
+
+    #[test]
+    fn fused_height_and_disagreement_match_the_golden_numbers() {
+        let group = golden("pvs.height");
+        let i = |k: &str| group["inputs"][k].as_f64().unwrap();
+        let (z, disagreement) =
+            fuse_heights((i("H1"), i("D1"), i("a1"), i("sigma")), (i("H2"), i("D2"), i("a2"), i("sigma")));
+        assert!((z / group["outputs"][0].as_f64().unwrap() - 1.0).abs() < 1e-11);
+        assert!((disagreement / group["outputs"][1].as_f64().unwrap() - 1.0).abs() < 1e-11);
     }
 
     #[test]

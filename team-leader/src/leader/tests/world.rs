@@ -326,8 +326,8 @@ impl World {
                 }
             }
             let p = &mut self.people[k];
-            for axis in 0..2 {
-                let a = ((wish[axis] - p.velocity[axis]) / 0.3).clamp(-3.0, 3.0);
+            for (axis, wished) in wish.iter().enumerate() {
+                let a = ((wished - p.velocity[axis]) / 0.3).clamp(-3.0, 3.0);
                 p.velocity[axis] += a * STEP_S;
                 p.position[axis] += p.velocity[axis] * STEP_S;
             }

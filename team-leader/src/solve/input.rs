@@ -1,0 +1,448 @@
+//! The file that `solve` reads, and the checked problem that comes of it.
+
+use std::collections::BTreeMap;
+
+use protocol::angle::wrap;
+use protocol::frames::Pose2;
+use protocol::marker::Marker;
+use serde::Deserialize;
+
+use super::SolveError;
+
+/// One problem as written.
+#[derive(Debug, Clone, Default, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct RawProblem {
+    /// Seconds; in sequences.
+    pub time_s: Option<f64>,
+    /// Whose body frame is the team frame (unless poses or landmarks are given). Default: the first robot.
+    pub anchor: Option<String>,
+    /// All robots.
+    #[serde(default)]
+    pub robots: Vec<RawRobot>,
+    /// Robot sees robot.
+    #[serde(default)]
+    pub sightings: Vec<RawSighting>,
+    /// Robot sees target.
+    #[serde(default)]
+    pub bearings: Vec<RawBearing>,
+    /// Targets of known position.
+    #[serde(default)]
+    pub landmarks: Vec<RawLandmark>,
+    /// Motion since the line before; in sequences.
+    #[serde(default)]
+    pub odometry: Vec<RawOdometry>,
+}
+
+/// A robot as written.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct RawRobot {
+    /// Name.
+    pub id: String,
+    /// Default 0.6.
+    pub camera_height_m: Option<f64>,
+    /// What the others see of it. Default: cylinder of radius 0.2 m.
+    pub marker: Option<Marker>,
+    /// Known pose: held fixed.
+    pub pose: Option<RawPose>,
+}
+
+/// A pose as written.
+#[derive(Debug, Clone, Copy, Deserialize)]
+#[serde(deny_unknown_fields)]
+#[expect(missing_docs, reason = "the names say it")]
+pub struct RawPose {
+    pub x_m: f64,
+    pub y_m: f64,
+    pub heading_deg: f64,
+}
+
+/// A sighting as written; `robot` is another word for `peer`.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+#[expect(missing_docs, reason = "the names say it")]
+pub struct RawSighting {
+    pub observer: String,
+    #[serde(default, alias = "robot")]
+    pub peer: Option<String>,
+    pub marker: Option<String>,
+    pub bearing_deg: Option<f64>,
+    pub bearing_sigma_deg: Option<f64>,
+    pub range_m: Option<f64>,
+    pub range_sigma_m: Option<f64>,
+    pub heading_deg: Option<f64>,
+    pub heading_sigma_deg: Option<f64>,
+    #[serde(default)]
+    pub features: Vec<RawFeature>,
+    pub features_deg: Option<Vec<f64>>,
+    pub feature_sigma_deg: Option<f64>,
+}
+
+/// A feature as written (`peers`).
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+#[expect(missing_docs, reason = "the names say it")]
+pub struct RawFeature {
+    pub part: RawPart,
+    #[serde(default)]
+    pub index: Option<u8>,
+    pub bearing_deg: f64,
+    pub sigma_deg: f64,
+    #[serde(default)]
+    pub elevation_deg: Option<[f64; 2]>,
+}
+
+/// Part of a marker as written.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "snake_case")]
+#[expect(missing_docs, reason = "the names say it")]
+pub enum RawPart {
+    Left,
+    Right,
+    Bar,
+    Edge,
+}
+
+/// A bearing of a target as written.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+#[expect(missing_docs, reason = "the names say it")]
+pub struct RawBearing {
+    pub observer: String,
+    #[serde(default)]
+    pub target: Option<String>,
+    pub bearing_deg: f64,
+    pub bearing_sigma_deg: f64,
+    pub elevation_deg: Option<f64>,
+    pub elevation_sigma_deg: Option<f64>,
+}
+
+/// A landmark as written.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+#[expect(missing_docs, reason = "the names say it")]
+pub struct RawLandmark {
+    pub id: String,
+    pub x_m: f64,
+    pub y_m: f64,
+    pub z_m: Option<f64>,
+}
+
+/// Odometry as written.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+#[expect(missing_docs, reason = "the names say it")]
+pub struct RawOdometry {
+    pub robot: String,
+    pub dx_m: f64,
+    pub dy_m: f64,
+    pub dheading_deg: f64,
+    pub covariance: Option<[[f64; 3]; 3]>,
+}
+
+/// A robot.
+#[derive(Debug, Clone)]
+pub struct Robot {
+    /// Name.
+    pub id: String,
+    /// Above the floor, metres.
+    pub camera_height_m: f64,
+    /// What the others see.
+    pub marker: Marker,
+    /// Held fixed.
+    pub pose: Option<Pose2>,
+}
+
+/// A sighting, radians and metres.
+#[derive(Debug, Clone)]
+pub struct Sighting {
+    /// Index of the observer.
+    pub observer: usize,
+    /// Index of the peer, where told.
+    pub peer: Option<usize>,
+    /// Axis: bearing and sigma.
+    pub bearing: Option<(f64, f64)>,
+    /// Axis: range and sigma.
+    pub range: Option<(f64, f64)>,
+    /// Peer's heading minus the observer's, and sigma.
+    pub heading: Option<(f64, f64)>,
+    /// Raw features: then they are the measurement.
+    pub features: Vec<Feature>,
+}
+
+/// A feature, radians.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Feature {
+    /// Which part.
+    pub part: Part,
+    /// Bearing.
+    pub bearing_rad: f64,
+    /// Of bearing and elevations.
+    pub sigma_rad: f64,
+    /// Of the lower and upper end.
+    pub elevation_rad: Option<[f64; 2]>,
+}
+
+/// Part of a marker.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Part {
+    /// Left tangent of a cylinder.
+    Left,
+    /// Right tangent.
+    Right,
+    /// Bar of this number.
+    Bar(usize),
+    /// 0 right, 1 left edge of a rectangle.
+    Edge(usize),
+}
+
+/// A bearing of a target, radians.
+#[derive(Debug, Clone)]
+pub struct Bearing {
+    /// Index of the observer.
+    pub observer: usize,
+    /// Index into the names of targets, where told.
+    pub target: Option<usize>,
+    /// Bearing and sigma.
+    pub bearing: (f64, f64),
+    /// Elevation and sigma.
+    pub elevation: Option<(f64, f64)>,
+}
+
+/// A known target.
+#[derive(Debug, Clone)]
+pub struct Landmark {
+    /// Index into the names of targets.
+    pub target: usize,
+    /// Metres.
+    pub position_m: [f64; 2],
+    /// Metres.
+    pub z_m: Option<f64>,
+}
+
+/// A checked problem.
+#[derive(Debug, Clone, Default)]
+pub struct Problem {
+    /// Robots.
+    pub robots: Vec<Robot>,
+    /// Index of the anchor.
+    pub anchor: usize,
+    /// Sightings.
+    pub sightings: Vec<Sighting>,
+    /// Bearings.
+    pub bearings: Vec<Bearing>,
+    /// Names of targets and landmarks.
+    pub targets: Vec<String>,
+    /// Landmarks.
+    pub landmarks: Vec<Landmark>,
+}
+
+impl Problem {
+    /// Parses and checks one problem.
+    pub fn parse(text: &str) -> Result<Self, SolveError> {
+        let raw: RawProblem = serde_json::from_str(text).map_err(SolveError::Json)?;
+        Self::check(&raw)
+    }
+
+    /// Checks one problem.
+    pub fn check(raw: &RawProblem) -> Result<Self, SolveError> {
+        let robots = raw.robots.iter().map(check_robot).collect::<Result<Vec<_>, _>>()?;
+        if robots.is_empty() {
+            return Err(SolveError::Missing("robots"));
+        }
+        let mut index: BTreeMap<&str, usize> = BTreeMap::new();
+        for (k, robot) in robots.iter().enumerate() {
+            if index.insert(&robot.id, k).is_some() {
+                return Err(SolveError::Twice { what: "robot", id: robot.id.clone() });
+            }
+        }
+        let robot_of = |id: &str, place: String| {
+            index.get(id).copied().ok_or_else(|| SolveError::UnknownRobot { place, id: id.to_owned() })
+        };
+        let anchor = raw.anchor.as_ref().map_or(Ok(0), |id| robot_of(id, "anchor".into()))?;
+        let mut targets: Vec<String> = Vec::new();
+        let mut target_of = |id: &str| {
+            targets.iter().position(|t| t == id).unwrap_or_else(|| {
+                targets.push(id.to_owned());
+                targets.len() - 1
+            })
+        };
+        let mut landmarks: Vec<Landmark> = Vec::new();
+        for (k, l) in raw.landmarks.iter().enumerate() {
+            let place = |field: &str| format!("landmarks[{k}].{field}");
+            let position_m = [finite(l.x_m, || place("x_m"))?, finite(l.y_m, || place("y_m"))?];
+            let z_m = l.z_m.map(|z| finite(z, || place("z_m"))).transpose()?;
+            let target = target_of(&l.id);
+            if landmarks.iter().any(|o| o.target == target) {
+                return Err(SolveError::Twice { what: "landmark", id: l.id.clone() });
+            }
+            landmarks.push(Landmark { target, position_m, z_m });
+        }
+        let mut sightings = Vec::new();
+        for (k, s) in raw.sightings.iter().enumerate() {
+            let observer = robot_of(&s.observer, format!("sightings[{k}].observer"))?;
+            let peer = s.peer.as_ref().map(|id| robot_of(id, format!("sightings[{k}].peer"))).transpose()?;
+            if peer == Some(observer) {
+                return Err(SolveError::Value {
+                    place: format!("sightings[{k}].peer"),
+                    value: s.observer.clone(),
+                    right: "another robot than the observer",
+                });
+            }
+            sightings.push(check_sighting(k, s, observer, peer)?);
+        }
+        let mut bearings = Vec::new();
+        for (k, b) in raw.bearings.iter().enumerate() {
+            let place = |field: &str| format!("bearings[{k}].{field}");
+            let elevation = pair(
+                b.elevation_deg,
+                b.elevation_sigma_deg,
+                || place("elevation_deg"),
+                || place("elevation_sigma_deg"),
+                1f64.to_radians(),
+            )?;
+            bearings.push(Bearing {
+                observer: robot_of(&b.observer, place("observer"))?,
+                target: b.target.as_deref().map(&mut target_of),
+                bearing: (
+                    wrap(finite(b.bearing_deg, || place("bearing_deg"))?.to_radians()),
+                    positive(b.bearing_sigma_deg, || place("bearing_sigma_deg"))?.to_radians(),
+                ),
+                elevation,
+            });
+        }
+        Ok(Self { robots, anchor, sightings, bearings, targets, landmarks })
+    }
+}
+
+fn check_robot(raw: &RawRobot) -> Result<Robot, SolveError> {
+    let place = |field: &str| format!("robots[{}].{field}", raw.id);
+    let marker = raw.marker.clone().unwrap_or(Marker::Cylinder { radius_m: 0.2, height_m: [0.1, 0.5], look: None });
+    marker.validate().map_err(|e| SolveError::Value {
+        place: place("marker"),
+        value: e.to_string(),
+        right: "the geometry of a real marker",
+    })?;
+    let pose = match raw.pose {
+        Some(p) => Some(Pose2::new(
+            finite(p.x_m, || place("pose.x_m"))?,
+            finite(p.y_m, || place("pose.y_m"))?,
+            finite(p.heading_deg, || place("pose.heading_deg"))?.to_radians(),
+        )),
+        None => None,
+    };
+    Ok(Robot {
+        id: raw.id.clone(),
+        camera_height_m: positive(raw.camera_height_m.unwrap_or(0.6), || place("camera_height_m"))?,
+        marker,
+        pose,
+    })
+}
+
+fn check_sighting(k: usize, s: &RawSighting, observer: usize, peer: Option<usize>) -> Result<Sighting, SolveError> {
+    let place = |field: &str| format!("sightings[{k}].{field}");
+    let rad = 1f64.to_radians();
+    let angle = |v: Option<f64>, sigma: Option<f64>, a: &str, b: &str| pair(v, sigma, || place(a), || place(b), rad);
+    let mut features = Vec::new();
+    for f in &s.features {
+        features.push(Feature {
+            part: match (f.part, f.index) {
+                (RawPart::Left, _) => Part::Left,
+                (RawPart::Right, _) => Part::Right,
+                (RawPart::Bar, Some(n)) => Part::Bar(usize::from(n)),
+                (RawPart::Edge, Some(n)) if n < 2 => Part::Edge(usize::from(n)),
+                (part, index) => {
+                    return Err(SolveError::Value {
+                        place: place("features.index"),
+                        value: format!("{index:?} of {part:?}"),
+                        right: "the number of the bar, or 0 (right) or 1 (left) for an edge",
+                    });
+                }
+            },
+            bearing_rad: wrap(finite(f.bearing_deg, || place("features.bearing_deg"))?.to_radians()),
+            sigma_rad: positive(f.sigma_deg, || place("features.sigma_deg"))?.to_radians(),
+            elevation_rad: match f.elevation_deg {
+                Some([low, high]) => Some([
+                    finite(low, || place("features.elevation_deg"))?.to_radians(),
+                    finite(high, || place("features.elevation_deg"))?.to_radians(),
+                ]),
+                None => None,
+            },
+        });
+    }
+    if let Some(tangents) = &s.features_deg {
+        let sigma_deg = s.feature_sigma_deg.ok_or_else(|| SolveError::Value {
+            place: place("feature_sigma_deg"),
+            value: "nothing".into(),
+            right: "a positive number of degrees, with features_deg",
+        })?;
+        let sigma_rad = positive(sigma_deg, || place("feature_sigma_deg"))?.to_radians();
+        let [right, left] = tangents[..] else {
+            return Err(SolveError::Value {
+                place: place("features_deg"),
+                value: format!("{} numbers", tangents.len()),
+                right: "two: the right and the left tangent",
+            });
+        };
+        for (part, deg) in [(Part::Right, right), (Part::Left, left)] {
+            let bearing_rad = wrap(finite(deg, || place("features_deg"))?.to_radians());
+            features.push(Feature { part, bearing_rad, sigma_rad, elevation_rad: None });
+        }
+    }
+    let bearing = angle(s.bearing_deg, s.bearing_sigma_deg, "bearing_deg", "bearing_sigma_deg")?;
+    if bearing.is_none() && features.is_empty() {
+        return Err(SolveError::Value {
+            place: place("bearing_deg"),
+            value: "nothing".into(),
+            right: "a bearing, or features",
+        });
+    }
+    let range = pair(s.range_m, s.range_sigma_m, || place("range_m"), || place("range_sigma_m"), 1.0)?;
+    if let Some((range_m, _)) = range {
+        positive(range_m, || place("range_m"))?;
+    }
+    Ok(Sighting {
+        observer,
+        peer,
+        bearing: bearing.map(|(b, sigma)| (wrap(b), sigma)),
+        range,
+        heading: angle(s.heading_deg, s.heading_sigma_deg, "heading_deg", "heading_sigma_deg").or_else(|e| {
+            // `peers` prints a heading without its sigma: then it is left out.
+            if s.heading_sigma_deg.is_none() { Ok(None) } else { Err(e) }
+        })?,
+        features,
+    })
+}
+
+/// A value with its sigma, both in `unit`; a value without sigma is an error.
+fn pair(
+    value: Option<f64>,
+    sigma: Option<f64>,
+    place: impl Fn() -> String,
+    sigma_place: impl Fn() -> String,
+    unit: f64,
+) -> Result<Option<(f64, f64)>, SolveError> {
+    let Some(value) = value else { return Ok(None) };
+    let value = finite(value, place)? * unit;
+    let sigma = sigma.ok_or_else(|| SolveError::Value {
+        place: sigma_place(),
+        value: "nothing".into(),
+        right: "a positive standard deviation beside its value",
+    })?;
+    Ok(Some((value, positive(sigma, sigma_place)? * unit)))
+}
+
+fn finite(value: f64, place: impl Fn() -> String) -> Result<f64, SolveError> {
+    if value.is_finite() && value.abs() < 1e9 {
+        return Ok(value);
+    }
+    Err(SolveError::Value { place: place(), value: value.to_string(), right: "a finite number" })
+}
+
+fn positive(value: f64, place: impl Fn() -> String) -> Result<f64, SolveError> {
+    if value.is_finite() && value > 0.0 && value < 1e9 {
+        return Ok(value);
+    }
+    Err(SolveError::Value { place: place(), value: value.to_string(), right: "a finite number above zero" })
+}
