@@ -32,6 +32,14 @@ pub struct Score {
     pub first_map_s: Option<f64>,
     last_id: BTreeMap<usize, TargetId>,
     last_nees_s: f64,
+    /// True pose of the gauge's robot when it fixed the frame.
+    zero: Option<[f64; 3]>,
+    /// Worst position error of any robot after `worst_from_s`, m.
+    pub worst_m: f64,
+    /// Robots without a place after `worst_from_s`.
+    pub unplaced: u64,
+    /// From when on those two count.
+    pub worst_from_s: f64,
 }
 
 #[derive(Debug, Default, Clone, Copy)]
@@ -59,11 +67,17 @@ impl Score {
         if placed == world.robots.len() {
             self.first_map_s.get_or_insert(t);
         }
+        if let Some(g) = map.gauge.filter(|_| self.zero.is_none()) {
+            self.zero = world.robots.iter().position(|r| r.id == g).map(|k| poses[k]);
+        }
         if t < FROM_S {
             return;
         }
+        if t > self.worst_from_s && placed < world.robots.len() {
+            self.unplaced += 1;
+        }
         let Some(gauge) = map.gauge.and_then(|g| world.robots.iter().position(|r| r.id == g)) else { return };
-        let zero = world.robots[gauge].start;
+        let zero = *self.zero.get_or_insert(poses[gauge]);
         let to_team = |p: [f64; 2]| {
             let (s, c) = zero[2].sin_cos();
             let (dx, dy) = (p[0] - zero[0], p[1] - zero[1]);
@@ -83,6 +97,9 @@ impl Score {
             let e = pose.position() - truth;
             let cov: Matrix3<f64> = joint.fixed_view::<3, 3>(row, row).into_owned();
             row += 3;
+            if t > self.worst_from_s {
+                self.worst_m = self.worst_m.max(e.norm());
+            }
             if k == gauge && !world.drives(k) {
                 continue;
             }

@@ -63,7 +63,6 @@ impl Default for Settings {
 pub struct RobotTruth {
     pub id: RobotId,
     pub pose: [f64; 3],
-    pub start: [f64; 3],
     offset_s: f64,
     next_s: f64,
     phase_s: f64,
@@ -155,7 +154,6 @@ impl World {
             robots.push(RobotTruth {
                 id: settings.names[k].parse().unwrap(),
                 pose: *pose,
-                start: *pose,
                 offset_s: rng.random_range(-0.02..0.02),
                 next_s: phase_s,
                 phase_s,
@@ -544,7 +542,7 @@ pub fn clock(time_s: f64) -> Timestamp {
     Timestamp::from_secs_f64(START_S).offset_by_secs(time_s)
 }
 
-fn announcement(robot: RobotId) -> Announcement {
+pub fn announcement(robot: RobotId) -> Announcement {
     Announcement {
         robot,
         epoch: 1,
