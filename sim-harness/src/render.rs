@@ -19,11 +19,11 @@ use std::sync::Arc;
 use crate::world::vector::V3;
 use crate::world::{State, World};
 use light::Caster;
-use moving::Mover;
+use moving::{Mover, Shaders};
 use rays::{Rays, Stand, TILE_PX};
 use scene::{Glow, Scene};
 use sensor::Sensor;
-use still::{EDGE_SAMPLES, ROBOT_KEYS, Still, StillPicture};
+use still::{EDGE_SAMPLES, FEW_SAMPLES, ROBOT_KEYS, Still, StillPicture};
 
 /// Grey level of the light that all but [`BRIGHTEST_SHARE`] of the pixels stay below.
 const FULL_GRAY: f32 = 215.0;
@@ -187,7 +187,7 @@ impl Renderer {
         let standing: &[Caster] = if self.still.is_fine { &[] } else { &self.standing };
         let casters: Vec<&Caster> = movers.iter().map(|m| &m.caster).chain(standing).collect();
         let mut shading = Vec::new();
-        for (tile, (middle, radius, is_plain)) in self.rays.tiles.iter().zip(&self.still.balls) {
+        for (tile, (middle, radius)) in self.rays.tiles.iter().zip(&self.still.balls) {
             for k in 0..lights.count() {
                 let lamp = lights.position(k);
                 shading.clear();
@@ -200,33 +200,32 @@ impl Renderer {
                 if shading.is_empty() {
                     continue;
                 }
-                // Shadows are soft: where a whole tile shows one surface, one test serves four pixels.
-                let coarse = *is_plain && tile.len() == TILE_PX * TILE_PX;
                 let open_at = |pixel: usize| {
                     let p: V3 = self.still.point[pixel];
                     let is_robot = self.still.key[pixel] >= ROBOT_KEYS;
-                    shading
-                        .iter()
-                        .filter(|(n, _)| !(is_robot && *n >= movers.len()))
-                        .fold(1.0, |open, (n, parts)| open * (1.0 - casters[*n].shade_by(*parts, p, lamp)))
+                    shading.iter().filter(|(n, _)| !(is_robot && *n >= movers.len())).fold(1.0, |open, (n, parts)| {
+                        open * (1.0 - casters[*n].shade_by(*parts, p, lamp))
+                    })
                 };
-                let mut blocks = [0.0f32; TILE_PX * TILE_PX / 4];
-                if coarse {
-                    for (n, open) in blocks.iter_mut().enumerate() {
-                        let (column, row) = (n % (TILE_PX / 2), n / (TILE_PX / 2));
-                        *open = open_at(tile[2 * row * TILE_PX + 2 * column] as usize);
-                    }
+                let light = &mut self.canvas.light;
+                let mut take = |pixel: usize, open: f32| {
+                    light[pixel] -= (1.0 - open) * self.still.glow[pixel].lamps[k] * strength[k];
+                };
+                if tile.len() < TILE_PX * TILE_PX {
+                    tile.iter().for_each(|p| take(*p as usize, open_at(*p as usize)));
+                    continue;
                 }
-                for (n, pixel) in tile.iter().map(|p| *p as usize).enumerate() {
-                    let lit = self.still.glow[pixel].lamps[k] * strength[k];
-                    let open = if coarse {
-                        blocks[n / TILE_PX / 2 * (TILE_PX / 2) + n % TILE_PX / 2]
-                    } else if lit > 1e-4 {
-                        open_at(pixel)
+                // Shadows are soft: where four pixels show one surface, one test serves them.
+                for n in 0..TILE_PX * TILE_PX / 4 {
+                    let first = 2 * (n / (TILE_PX / 2)) * TILE_PX + 2 * (n % (TILE_PX / 2));
+                    let four = [first, first + 1, first + TILE_PX, first + TILE_PX + 1].map(|i| tile[i] as usize);
+                    let key = self.still.key[four[0]];
+                    if four.iter().all(|p| self.still.key[*p] == key) {
+                        let open = open_at(four[0]);
+                        four.into_iter().for_each(|p| take(p, open));
                     } else {
-                        1.0
-                    };
-                    self.canvas.light[pixel] -= (1.0 - open) * lit;
+                        four.into_iter().for_each(|p| take(p, open_at(p)));
+                    }
                 }
             }
         }
@@ -272,6 +271,7 @@ impl Renderer {
     /// Gives the movers' pixels their light: one sample inside, sixteen where a pixel shows an edge.
     fn paint(&mut self, movers: &[Mover], strength: &light::PerLamp) {
         let casters: Vec<&Caster> = self.standing.iter().chain(movers.iter().map(|m| &m.caster)).collect();
+        let shaders: Vec<Shaders<'_>> = movers.iter().map(|m| m.shaders(&self.scene, &casters)).collect();
         let still = Still::new(&self.scene, self.still.stand, &self.standing);
         let mut edges = Vec::new();
         for pixel in self.canvas.touched.iter().map(|p| *p as usize) {
@@ -294,14 +294,14 @@ impl Renderer {
             let (n, part) = self.canvas.shown[pixel];
             let mover = &movers[usize::from(n)];
             if let Some(hit) = mover.hit_part(usize::from(part), &ray, f32::INFINITY) {
-                let open = mover.open(ray.at(hit.t), &self.scene, &casters);
+                let open = shaders[usize::from(n)].open(ray.at(hit.t), &self.scene);
                 self.canvas.light[pixel] = mover.glow(&hit, &ray, &self.scene, &open).total(strength);
             }
         }
         edges.sort_unstable();
         edges.dedup();
         for pixel in edges.into_iter().map(|p| p as usize) {
-            let light = self.edge_light(pixel, movers, &casters, &still, strength);
+            let light = self.edge_light(pixel, movers, &shaders, &still, strength);
             self.canvas.light[pixel] = light;
         }
     }
@@ -310,7 +310,7 @@ impl Renderer {
         &self,
         pixel: usize,
         movers: &[Mover],
-        casters: &[&Caster],
+        shaders: &[Shaders<'_>],
         still: &Still<'_>,
         strength: &light::PerLamp,
     ) -> f32 {
@@ -325,8 +325,11 @@ impl Renderer {
         }
         // Shadows are soft: once a pixel and mover.
         let mut open: Vec<Option<light::PerLamp>> = vec![None; movers.len()];
+        // Robots are measured to a twentieth of a pixel, people are not.
+        let is_fine = self.still.shows_robot(&self.rays, pixel) || near.iter().any(|(n, _)| movers[*n].is_robot());
+        let samples: &[[f32; 2]] = if is_fine { &EDGE_SAMPLES } else { &FEW_SAMPLES };
         let mut sum = 0.0;
-        for [du, dv] in EDGE_SAMPLES {
+        for [du, dv] in samples.iter().copied() {
             let ray = stand.room_from_body(self.rays.ray(pixel, du, dv));
             let behind = if is_mixed { Some(still.hit(&ray, bearing)) } else { None };
             let mut limit = behind.map_or(self.still.depth[pixel], |h| h.t);
@@ -340,7 +343,7 @@ impl Renderer {
             sum += match (first, behind) {
                 (Some((n, hit)), _) => {
                     let mover = &movers[n];
-                    let open = open[n].get_or_insert_with(|| mover.open(ray.at(hit.t), &self.scene, casters));
+                    let open = open[n].get_or_insert_with(|| shaders[n].open(ray.at(hit.t), &self.scene));
                     mover.glow(&hit, &ray, &self.scene, open).total(strength)
                 }
                 (None, Some(hit)) => {
@@ -356,7 +359,7 @@ impl Renderer {
                 (None, None) => self.canvas.light[pixel],
             };
         }
-        sum / EDGE_SAMPLES.len() as f32
+        sum / samples.len() as f32
     }
 
     fn clear(&mut self) {

@@ -6,7 +6,7 @@ use super::still::{robot_caster, robot_glow, robot_key};
 use crate::world::MAX_LAMPS;
 use crate::world::person::{COVERS, PARTS};
 use crate::world::solid::{Capsule, Upright};
-use crate::world::vector::{Ray, V3};
+use crate::world::vector::{Ray, V3, v3};
 use crate::world::wardrobe::Clothes;
 
 /// Body numbers of people begin here; robots are numbered from 1.
@@ -115,16 +115,30 @@ impl Mover {
         }
     }
 
-    /// Share of each lamp's light that others leave at a point on it.
-    pub fn open(&self, p: V3, scene: &Scene, others: &[&Caster]) -> PerLamp {
-        let mut open = [1.0; MAX_LAMPS];
-        for (k, open) in open.iter_mut().enumerate().take(scene.lights().count()) {
+    /// Which others can shade it at all.
+    pub fn shaders<'a>(&self, scene: &Scene, others: &[&'a Caster]) -> Shaders<'a> {
+        let bound = &self.caster.bound;
+        let step = 0.45;
+        let spread = bound.radius.hypot(0.5 * step);
+        let levels = (bound.high / step).ceil() as usize;
+        let reaches = |other: &Caster, lamp: V3| {
+            (0..levels).any(|i| {
+                let middle = v3(bound.x, bound.y, (i as f32 + 0.5) * step);
+                other.parts_shading(middle, spread, lamp).is_some()
+            })
+        };
+        let mut shaders = Shaders { of_lamp: Default::default() };
+        for (k, list) in shaders.of_lamp.iter_mut().enumerate().take(scene.lights().count()) {
             let lamp = scene.lights().position(k);
-            for other in others.iter().filter(|c| c.body != self.caster.body) {
-                *open *= 1.0 - other.shade(p, lamp);
-            }
+            let able = others.iter().filter(|c| c.body != self.caster.body && reaches(c, lamp));
+            list.extend(able.copied());
         }
-        open
+        shaders
+    }
+
+    /// Whether it is a driving robot.
+    pub fn is_robot(&self) -> bool {
+        self.clothes.is_none()
     }
 
     /// What the met point sends to the camera; `open` is the share of each lamp's light that comes there.
@@ -155,6 +169,25 @@ impl Mover {
             glow.lamps[k] = reflectance * open * scene.lights().direct(k, p, normal);
         }
         glow
+    }
+}
+
+/// Who can shade a mover, by lamp.
+pub struct Shaders<'a> {
+    of_lamp: [Vec<&'a Caster>; MAX_LAMPS],
+}
+
+impl Shaders<'_> {
+    /// Share of each lamp's light that is left at a point.
+    #[inline]
+    pub fn open(&self, p: V3, scene: &Scene) -> PerLamp {
+        let mut open = [1.0; MAX_LAMPS];
+        for (k, (open, list)) in open.iter_mut().zip(&self.of_lamp).enumerate() {
+            for caster in list {
+                *open *= 1.0 - caster.shade(p, scene.lights().position(k));
+            }
+        }
+        open
     }
 }
 

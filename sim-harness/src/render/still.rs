@@ -26,6 +26,9 @@ const fn rooks() -> [[f32; 2]; 16] {
     out
 }
 
+/// Four samples for an edge, each in its own column and row.
+pub const FEW_SAMPLES: [[f32; 2]; 4] = [[-0.375, -0.125], [-0.125, 0.375], [0.125, -0.375], [0.375, 0.125]];
+
 /// Samples of a pixel that shows one surface.
 const INNER_SAMPLES: [[f32; 2]; 4] = [[-0.25, -0.25], [0.25, -0.25], [-0.25, 0.25], [0.25, 0.25]];
 
@@ -117,12 +120,10 @@ impl<'a> Still<'a> {
 pub const ROBOT_KEYS: u32 = 0x1_0000;
 
 /// A ball round the points of some pixels.
-fn ball(pixels: &[u32], points: &[V3], keys: &[u32]) -> (V3, f32, bool) {
+fn ball(pixels: &[u32], points: &[V3]) -> (V3, f32) {
     let share = 1.0 / pixels.len().max(1) as f32;
     let middle = pixels.iter().fold(V3::default(), |sum, p| sum + points[*p as usize] * share);
-    let radius = pixels.iter().map(|p| (points[*p as usize] - middle).length()).fold(0.0, f32::max);
-    let is_plain = pixels.windows(2).all(|w| keys[w[0] as usize] == keys[w[1] as usize]);
-    (middle, radius, is_plain)
+    (middle, pixels.iter().map(|p| (points[*p as usize] - middle).length()).fold(0.0, f32::max))
 }
 
 /// Distinguishes the painted parts of robots.
@@ -188,8 +189,8 @@ pub struct StillPicture {
     pub glow: Vec<Glow>,
     /// Whether more than one surface shows in the pixel.
     pub mixed: Vec<bool>,
-    /// Middle and radius of the ball round all points of each tile of pixels, and whether the tile shows one surface.
-    pub balls: Vec<(V3, f32, bool)>,
+    /// Middle and radius of the ball round all points of each tile of pixels.
+    pub balls: Vec<(V3, f32)>,
     /// Whether the standing robots' shadows are in `glow`.
     pub is_fine: bool,
 }
@@ -227,7 +228,7 @@ impl StillPicture {
             }
         }
         self.balls.clear();
-        self.balls.extend(rays.tiles.iter().map(|tile| ball(tile, &self.point, &self.key)));
+        self.balls.extend(rays.tiles.iter().map(|tile| ball(tile, &self.point)));
         for pixel in rays.lit.iter().map(|p| *p as usize) {
             self.mixed[pixel] =
                 rays.neighbours(pixel).into_iter().any(|n| rays.is_lit[n] && self.key[n] != self.key[pixel]);
@@ -250,5 +251,11 @@ impl StillPicture {
             }
             self.glow[pixel] = sum;
         }
+    }
+
+    /// Whether a standing robot is in the pixel or beside it.
+    pub fn shows_robot(&self, rays: &Rays, pixel: usize) -> bool {
+        let is_robot = |p: usize| rays.is_lit[p] && self.key[p] >= ROBOT_KEYS && self.key[p] != u32::MAX;
+        is_robot(pixel) || rays.neighbours(pixel).into_iter().any(is_robot)
     }
 }
