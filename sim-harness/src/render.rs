@@ -6,6 +6,7 @@
 //!
 //! Nothing here uses the team's frames, markers or camera models: this is the physics that they are tested against.
 
+mod camouflage;
 pub mod light;
 pub mod moving;
 pub mod pal;
@@ -17,6 +18,7 @@ pub mod still;
 use std::sync::Arc;
 
 use crate::world::vector::V3;
+use crate::world::wardrobe::Clothes;
 use crate::world::{State, World};
 use light::Caster;
 use moving::{Mover, Shaders};
@@ -48,6 +50,7 @@ pub struct Renderer {
     world: Arc<World>,
     scene: Arc<Scene>,
     rays: Arc<Rays>,
+    clothes: Arc<[Clothes]>,
     robot: usize,
     standing: Vec<Caster>,
     still: StillPicture,
@@ -74,7 +77,11 @@ impl Renderer {
     pub fn team(world: &Arc<World>) -> Vec<Self> {
         let scene = Arc::new(Scene::new(world));
         let rays = Arc::new(Rays::trace(world.camera()));
-        (0..world.robots().len()).map(|robot| Self::new(world, &scene, &rays, robot)).collect()
+        let mut team: Vec<Self> =
+            (0..world.robots().len()).map(|robot| Self::new(world, &scene, &rays, robot)).collect();
+        let clothes: Arc<[Clothes]> = camouflage::dress(world, &mut team).into();
+        team.iter_mut().for_each(|r| r.clothes = clothes.clone());
+        team
     }
 
     fn new(world: &Arc<World>, scene: &Arc<Scene>, rays: &Arc<Rays>, robot: usize) -> Self {
@@ -92,6 +99,7 @@ impl Renderer {
             world: world.clone(),
             scene: scene.clone(),
             rays: rays.clone(),
+            clothes: Arc::default(),
             robot,
             standing,
             still: StillPicture::new(rays, Stand::new(f64::NAN, 0.0, 0.0)),
@@ -173,9 +181,9 @@ impl Renderer {
         let robots = self.world.robots().iter().enumerate().filter(|(n, r)| *n != self.robot && !r.stands());
         let mut movers: Vec<Mover> =
             robots.map(|(n, _)| Mover::robot(n, state.robots[n].x_m, state.robots[n].y_m, height)).collect();
-        for (n, person) in state.people.iter().enumerate() {
+        for (n, (person, clothes)) in state.people.iter().zip(self.clothes.iter()).enumerate() {
             let capsules = self.world.capsules(person);
-            movers.push(Mover::person(n, &capsules, *self.world.clothes(n), person.heading_rad));
+            movers.push(Mover::person(n, &capsules, *clothes, person.heading_rad));
         }
         movers
     }
@@ -203,9 +211,10 @@ impl Renderer {
                 let open_at = |pixel: usize| {
                     let p: V3 = self.still.point[pixel];
                     let is_robot = self.still.key[pixel] >= ROBOT_KEYS;
-                    shading.iter().filter(|(n, _)| !(is_robot && *n >= movers.len())).fold(1.0, |open, (n, parts)| {
-                        open * (1.0 - casters[*n].shade_by(*parts, p, lamp))
-                    })
+                    shading
+                        .iter()
+                        .filter(|(n, _)| !(is_robot && *n >= movers.len()))
+                        .fold(1.0, |open, (n, parts)| open * (1.0 - casters[*n].shade_by(*parts, p, lamp)))
                 };
                 let light = &mut self.canvas.light;
                 let mut take = |pixel: usize, open: f32| {
@@ -370,3 +379,6 @@ impl Renderer {
         }
     }
 }
+
+#[cfg(test)]
+mod tests;
