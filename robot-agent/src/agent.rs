@@ -1,72 +1,274 @@
 //! The agent as a state machine: frames, questions and time in; messages out. It knows no clock, no network, no runtime.
+//!
+//! ```text
+//! frame ─▶ begin_frame ─▶ step: unwarp ─▶ step: change ─▶ step: regions ─▶ step: tracks ─▶ step: peers ─▶ step: publish
+//!                          └────────── the caller may look at its clock, answer questions, or step on ──────────┘
+//! ```
+//! `handle(Input::Frame)` does all steps at once and, since its `now` stands still, leaves nothing out.
 
-use protocol::message::{Alarm, Announcement, ClockProbe, ClockReply, Command, CommandReply, Health, Observation};
+mod answers;
+mod duties;
+mod event;
+mod pipeline;
+mod settings;
+mod team;
+
+use protocol::message::{Alarm, AlarmKind, Announcement, CameraSummary, Observation, Stages};
 use protocol::time::Timestamp;
 
-/// One gray picture with its capture time.
-#[derive(Debug, Clone)]
-pub struct Frame {
-    /// Mid-exposure, on the robot's own clock.
-    pub capture: Timestamp,
-    /// Pixels a row.
-    pub width: u32,
-    /// Rows.
-    pub height: u32,
-    /// `width · height` gray values, row by row.
-    pub gray: Vec<u8>,
+pub use event::{Frame, Input, Output, PictureKind, Progress, Token};
+pub use settings::AgentSettings;
+
+use crate::optics::MountedCamera;
+use duties::Duties;
+use pipeline::Pipeline;
+use team::Team;
+
+/// A frame whose capture time is further behind the last one than this means that the clock was set, not that it came late.
+const CLOCK_SET_S: f64 = 1.0;
+/// Most notices about frames that cannot be used; later ones are only counted.
+const MAX_BAD_FRAME_NOTICES: u32 = 10;
+
+/// Why an agent cannot be made.
+#[derive(Debug, thiserror::Error)]
+pub enum AgentError {
+    /// The camera does not say where it is.
+    #[error("the camera's height above the floor is unknown; give [mounting] height_m in the camera file")]
+    NoHeight,
+    /// The panorama cannot be made from this camera.
+    #[error(transparent)]
+    Panorama(#[from] crate::panorama::GeometryError),
+    /// The motion stage cannot be made.
+    #[error(transparent)]
+    Motion(#[from] crate::motion::MotionError),
 }
 
-/// Ties an answer to its question; chosen by the shell.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
-pub struct Token(pub u64);
-
-/// Everything that happens to an agent.
-#[derive(Debug, Clone)]
-pub enum Input {
-    /// A picture.
-    Frame(Frame),
-    /// A leader probes the clock; `now` of the call is the time of arrival.
-    ClockProbe(Token, ClockProbe),
-    /// Somebody asks something.
-    Command(Token, Command),
-    /// Somebody wants a picture.
-    Picture(Token, PictureKind),
-    /// `next_deadline` has come.
-    Deadline,
+/// One robot's agent.
+#[derive(Debug)]
+pub struct Agent {
+    settings: AgentSettings,
+    epoch: u64,
+    camera: CameraSummary,
+    image_size_px: [u32; 2],
+    pipeline: Pipeline,
+    /// To be told at the start.
+    problems: Vec<String>,
+    team: Team,
+    duties: Duties,
+    work: Option<Work>,
+    last_capture: Option<Timestamp>,
+    max_frame_rate_hz: f64,
+    paused: bool,
+    observations: u32,
+    alarms: u32,
+    bad_frame_notices: u32,
 }
 
-/// Everything an agent does.
-#[derive(Debug, Clone)]
-pub enum Output {
-    /// Publish.
-    Announcement(Announcement),
-    /// Publish.
-    Observation(Observation),
-    /// Publish.
-    Alarm(Alarm),
-    /// Publish.
-    Health(Health),
-    /// Reply. The shell sets `replied` at the last moment.
-    ClockReply(Token, ClockReply),
-    /// Reply.
-    CommandReply(Token, CommandReply),
-    /// Reply with an encoded picture (PNG or JPEG), or say why not.
-    Picture(Token, Result<Vec<u8>, String>),
+/// The frame that is being worked on.
+#[derive(Debug)]
+struct Work {
+    begun: Timestamp,
+    capture: Timestamp,
 }
 
-/// Pictures for people.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-pub enum PictureKind {
-    /// Panorama with boxes, identities, bearings.
-    Panorama,
-    /// The object image: moving pixels only.
-    Objects,
-    /// Virtual gaze windows on each object.
-    Gaze,
-    /// One picture of the recent past.
-    Synopsis,
-    /// Track image.
-    Tracks,
-    /// The background.
-    Background,
+impl Agent {
+    /// An agent that has seen nothing. `epoch` tells this session from every other of the robot: draw it at random or from
+    /// the clock at each start.
+    pub fn new(settings: AgentSettings, camera: MountedCamera, epoch: u64) -> Result<Self, AgentError> {
+        let summary = summary(&settings, &camera)?;
+        let image_size_px = camera.image_size_px();
+        let (pipeline, problems) = Pipeline::new(camera, &settings)?;
+        Ok(Self {
+            epoch,
+            camera: summary,
+            image_size_px,
+            pipeline,
+            problems,
+            team: Team::new(settings.robot),
+            duties: Duties::default(),
+            work: None,
+            last_capture: None,
+            max_frame_rate_hz: settings.max_frame_rate_hz,
+            paused: false,
+            observations: 0,
+            alarms: 0,
+            bad_frame_notices: 0,
+            settings,
+        })
+    }
+
+    /// Whose agent it is.
+    pub fn robot(&self) -> protocol::id::RobotId {
+        self.settings.robot
+    }
+
+    /// The session.
+    pub fn epoch(&self) -> u64 {
+        self.epoch
+    }
+
+    /// Works on one event, a frame as a whole. Outputs are appended in the order in which they should leave.
+    /// `now` is the robot's clock.
+    pub fn handle(&mut self, now: Timestamp, input: Input, out: &mut Vec<Output>) {
+        match input {
+            Input::Frame(frame) => {
+                if self.begin_frame(now, frame, out) {
+                    while self.step(now, out) == Progress::More {}
+                }
+            }
+            Input::BadFrame(what) => self.refuse_frame(format!("{what}; the frame is skipped"), out),
+            Input::CaptureEnded => self.duties.frames_are_expected(None),
+            Input::Announcement(announcement) => self.meet(&announcement, out),
+            Input::ClockProbe(token, probe) => out.push(self.answer_probe(now, token, probe)),
+            Input::Command(token, command) => {
+                let reply = self.obey(&command);
+                out.push(Output::CommandReply(token, reply));
+            }
+            Input::Picture(token, kind) => out.push(Output::Picture(token, self.pipeline.picture(kind))),
+            Input::Deadline => {}
+        }
+        self.do_duties(now, out);
+    }
+
+    /// When [`Input::Deadline`] is wanted at the latest. Earlier or repeated calls do no harm.
+    pub fn next_deadline(&self) -> Timestamp {
+        self.duties.next()
+    }
+
+    /// Takes a frame to work on in steps; `false` if it cannot be used (counted, and said in a notice) or is not wanted.
+    /// A frame that is still being worked on is given up.
+    pub fn begin_frame(&mut self, now: Timestamp, frame: Frame, out: &mut Vec<Output>) -> bool {
+        self.work = None;
+        self.duties.health.frames += 1;
+        let [width, height] = self.image_size_px;
+        let given = (frame.width, frame.height, frame.gray.len());
+        if given != (width, height, width as usize * height as usize) {
+            let [w, h] = [frame.width, frame.height];
+            self.refuse_frame(
+                format!("an image of {w}×{h} came, the camera file says image_size_px = [{width}, {height}]; the frame is skipped"),
+                out,
+            );
+            return false;
+        }
+        if !self.is_in_time(frame.capture, out) {
+            return false;
+        }
+        self.duties.frames_are_expected(Some(now));
+        self.last_capture = Some(frame.capture);
+        self.work = Some(Work { begun: now, capture: frame.capture });
+        self.pipeline.begin(frame);
+        true
+    }
+
+    /// Does the next stage of the frame, or leaves it out when the time budget is used up. The last step publishes.
+    pub fn step(&mut self, now: Timestamp, out: &mut Vec<Output>) -> Progress {
+        let Some(work) = &self.work else { return Progress::Done };
+        let hurry = self.settings.budget_s.is_some_and(|budget| now.seconds_since(work.begun) > budget);
+        if self.pipeline.step(hurry) == Progress::More {
+            return Progress::More;
+        }
+        let capture = work.capture;
+        self.work = None;
+        self.publish(now, capture, out);
+        self.do_duties(now, out);
+        Progress::Done
+    }
+
+    fn publish(&mut self, now: Timestamp, capture: Timestamp, out: &mut Vec<Output>) {
+        let seen = self.pipeline.take_result();
+        for kind in seen.events {
+            let alarm = self.alarm(now, kind);
+            out.push(Output::Alarm(alarm));
+        }
+        let skipped = Stages(seen.wanted.0 & !seen.stages.0).0.count_ones();
+        self.duties.health.stages_skipped += u64::from(skipped);
+        self.duties.frame_done(now.seconds_since(capture));
+        if self.paused {
+            return;
+        }
+        out.push(Output::Observation(Observation {
+            epoch: self.epoch,
+            sequence: self.observations,
+            capture,
+            motion: seen.motion,
+            odometry: None,
+            stages: seen.stages,
+            sightings: seen.sightings,
+            tracks: seen.tracks,
+        }));
+        self.observations = self.observations.wrapping_add(1);
+    }
+
+    fn is_in_time(&mut self, capture: Timestamp, out: &mut Vec<Output>) -> bool {
+        let Some(last) = self.last_capture else { return true };
+        let step_s = capture.seconds_since(last);
+        if step_s < -CLOCK_SET_S {
+            out.push(Output::Notice(format!(
+                "capture times went back by {:.1} s (the clock was set?): tracks and background begin anew",
+                -step_s
+            )));
+            self.pipeline.restart();
+            return true;
+        }
+        if step_s <= 0.0 {
+            self.refuse_frame(format!("a frame came {:.1} ms before the last one; it is skipped", -step_s * 1e3), out);
+            return false;
+        }
+        // A tenth of slack, so that a jittering camera of exactly the greatest rate loses nothing.
+        let wanted = step_s >= 0.9 / self.max_frame_rate_hz;
+        if !wanted {
+            self.duties.health.frames_dropped += 1;
+        }
+        wanted
+    }
+
+    fn refuse_frame(&mut self, what: String, out: &mut Vec<Output>) {
+        self.duties.health.frames_bad += 1;
+        self.bad_frame_notices += 1;
+        match self.bad_frame_notices {
+            ..MAX_BAD_FRAME_NOTICES => out.push(Output::Notice(what)),
+            MAX_BAD_FRAME_NOTICES => out.push(Output::Notice(format!("{what}; further bad frames are only counted"))),
+            _ => {}
+        }
+    }
+
+    fn alarm(&mut self, at: Timestamp, kind: AlarmKind) -> Alarm {
+        let number = self.alarms;
+        self.alarms = self.alarms.wrapping_add(1);
+        Alarm { robot: self.settings.robot, epoch: self.epoch, number, at, kind }
+    }
+
+    fn announcement(&self) -> Announcement {
+        Announcement {
+            robot: self.settings.robot,
+            epoch: self.epoch,
+            host: self.settings.host.clone(),
+            version: env!("CARGO_PKG_VERSION").to_owned(),
+            marker: self.settings.marker.clone(),
+            camera: self.camera.clone(),
+        }
+    }
+
+    fn meet(&mut self, announcement: &Announcement, out: &mut Vec<Output>) {
+        if let Some(notice) = self.team.meet(self.epoch, &self.settings.host, announcement) {
+            out.push(Output::Notice(notice));
+        }
+        out.extend(self.pipeline.look_for(self.team.looks()).into_iter().map(Output::Notice));
+    }
 }
+
+fn summary(settings: &AgentSettings, camera: &MountedCamera) -> Result<CameraSummary, AgentError> {
+    let mounting = camera.mounting();
+    let [roll, pitch, _] = mounting.sigma.rotation_rpy_rad;
+    Ok(CameraSummary {
+        model: camera.camera().model().to_owned(),
+        height_m: mounting.height_m().ok_or(AgentError::NoHeight)?,
+        height_sigma_m: mounting.sigma.position_m.z,
+        tilt_sigma_rad: roll.max(pitch),
+        elevation_rad: camera.camera().elevation_rad(),
+        frame_rate_hz: settings.frame_rate_hz,
+    })
+}
+
+#[cfg(test)]
+mod tests;

@@ -29,6 +29,11 @@ pub trait FrameSource: Send {
     /// after, and ends where there is none.
     fn next_frame(&mut self) -> Option<Result<Frame, CaptureError>>;
 
+    /// Goes past frames captured before `capture` without decoding them, where the source can; how many.
+    fn skip_before(&mut self, _capture: Timestamp) -> u64 {
+        0
+    }
+
     /// Frames in the whole stream, where that is known.
     fn frames(&self) -> Option<u64>;
 

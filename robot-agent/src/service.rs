@@ -1,1 +1,144 @@
-//! Being written.
+//! The agent over Zenoh: translates what comes in, stamps and sends what the [`Agent`] says, drains.
+//!
+//! ```text
+//!  source ──▶ capture thread ──▶ ┌─────────┐ ──▶ agent thread ──▶ bounded queue ──▶ network task ──▶ Zenoh
+//!                  newest wins   │ mailbox │                                        │
+//!  questions ───────────────────▶└─────────┘◀───────────────────────────────────────┘
+//! ```
+//! Nothing here waits for the network: the agent works from the first moment, whether or not a leader is there. While nobody
+//! is connected its observations go nowhere; the last announcement and the alarms are kept.
+
+mod link;
+mod mailbox;
+mod network;
+mod replay;
+mod source;
+mod waiting;
+mod worker;
+
+use std::future::Future;
+use std::sync::Arc;
+use std::sync::atomic::AtomicU64;
+use std::thread::JoinHandle;
+use std::time::Duration;
+
+use protocol::host_clock::Clock;
+use protocol::id::TeamId;
+use protocol::meter::Row;
+use protocol::transport::{Options, TransportError, WireBytes};
+use tokio::sync::{Notify, mpsc};
+
+pub use replay::{Replay, Start};
+pub use source::{Captured, FrameSender, LONGEST_WAIT, LiveSource, frame_channel};
+
+use crate::agent::Agent;
+use mailbox::Mailbox;
+use network::Network;
+use worker::Outbox;
+
+/// Outputs that wait for the network task; more are dropped and counted.
+const MAX_OUTPUTS: usize = 256;
+/// Time that the threads have to finish what they are doing.
+const THREADS_LIMIT: Duration = Duration::from_secs(2);
+/// After a recording's last frame, time to work on it before the agent stops.
+const LAST_FRAME_LIMIT: Duration = Duration::from_secs(1);
+
+/// What a service needs.
+pub struct Setup {
+    /// The pure agent.
+    pub agent: Agent,
+    /// Where frames come from.
+    pub source: Box<dyn LiveSource>,
+    /// The robot's clock.
+    pub clock: Clock,
+    /// Its team.
+    pub team: TeamId,
+    /// How to open the session; `clock` of the options is set from this one's.
+    pub session: Options,
+    /// To be filled with the leader's common start, for a [`Replay`] that waits for it.
+    pub start: Option<Start>,
+    /// Whether the end of the source ends the service.
+    pub stop_at_end: bool,
+}
+
+/// Why a service cannot work.
+#[derive(Debug, thiserror::Error)]
+pub enum ServiceError {
+    /// The network.
+    #[error(transparent)]
+    Transport(#[from] TransportError),
+    /// The system gives no thread.
+    #[error("no thread can be started: {0}")]
+    Thread(#[from] std::io::Error),
+}
+
+/// What a service did.
+#[derive(Debug, Clone, Default)]
+pub struct Summary {
+    /// Frames dropped because a newer one was there.
+    pub frames_dropped: u64,
+    /// Messages that a full queue dropped.
+    pub messages_dropped: u64,
+    /// Messages that could not be read.
+    pub messages_refused: u64,
+    /// Traffic by robot and kind; empty if nobody was ever connected.
+    pub traffic: Vec<Row>,
+    /// Bytes on the links, where [`Options::measure`] was set.
+    pub wire: Option<WireBytes>,
+    /// What people were told.
+    pub notices: Vec<String>,
+}
+
+/// Works until `shutdown` ends (or the source, where asked for), then closes the session. Needs tokio's multi-threaded runtime.
+///
+/// # Errors
+/// A wrong endpoint, no threads. A leader that is away is no error: the agent waits and says so once.
+pub async fn run(setup: Setup, shutdown: impl Future<Output = ()>) -> Result<Summary, ServiceError> {
+    let Setup { agent, source, clock, team, mut session, start, stop_at_end } = setup;
+    session.clock = clock;
+    let mailbox = Arc::new(Mailbox::default());
+    let dropped = Arc::new(AtomicU64::new(0));
+    let ended = Arc::new(Notify::new());
+    let (queue, outputs) = mpsc::channel(MAX_OUTPUTS);
+    let mut network = Network::new(&agent, team, clock, session, start, mailbox.clone(), dropped.clone());
+
+    let tell = ended.clone();
+    let threads = vec![
+        worker::start_agent(agent, clock, mailbox.clone(), Outbox::new(queue, dropped))?,
+        worker::start_capture(source, clock, mailbox.clone(), move || tell.notify_one())?,
+    ];
+    let ended = async {
+        ended.notified().await;
+        tracing::info!("the recording has ended");
+        if !stop_at_end {
+            std::future::pending::<()>().await;
+        }
+        tokio::time::sleep(LAST_FRAME_LIMIT).await;
+    };
+    let worked = tokio::select! {
+        worked = network.work(outputs) => worked,
+        () = shutdown => Ok(()),
+        () = ended => Ok(()),
+    };
+    mailbox.close();
+    join(threads).await;
+    let summary = network.close().await;
+    worked?;
+    Ok(summary)
+}
+
+/// Waits for the threads, within limits: a camera driver that hangs must not keep the process.
+async fn join(threads: Vec<JoinHandle<()>>) {
+    let joined = tokio::task::spawn_blocking(move || {
+        for thread in threads {
+            // A panic has been reported where it happened.
+            let _ = thread.join();
+        }
+    });
+    if tokio::time::timeout(THREADS_LIMIT, joined).await.is_err() {
+        tracing::warn!("a thread did not end within {THREADS_LIMIT:?} and is abandoned");
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,13 +1,17 @@
-//! Command line.
+//! Command line of the leader.
 
 use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
+use team_leader::cli::check::{self, CheckArgs};
+use team_leader::cli::query::{self, QueryArgs};
+use team_leader::cli::run::{self, RunArgs};
 use team_leader::cli::solve::{self, SolveArgs};
+use tracing_subscriber::EnvFilter;
 
 /// Calibrates robots against each other, pairs what they see, triangulates it, keeps the map.
 #[derive(Debug, Parser)]
-#[command(version)]
+#[command(version, about, max_term_width = 110, after_help = "Logs go to standard error; RUST_LOG=debug shows more.")]
 struct Cli {
     #[command(subcommand)]
     command: Command,
@@ -15,12 +19,25 @@ struct Cli {
 
 #[derive(Debug, Subcommand)]
 enum Command {
+    /// The service: hears the robots of a team over Zenoh and publishes their map, until it is stopped.
+    Run(RunArgs),
     /// Poses and targets from bearings in a file, offline.
     Solve(SolveArgs),
+    /// Validates a configuration and says what is wrong, without starting.
+    Check(CheckArgs),
+    /// Asks a running team: the map, a robot's pictures, a robot's status.
+    Query(QueryArgs),
 }
 
 fn main() -> ExitCode {
-    match Cli::parse().command {
-        Command::Solve(args) => ExitCode::from(solve::run(&args)),
-    }
+    let cli = Cli::parse();
+    let filter = EnvFilter::try_from_default_env()
+        .unwrap_or_else(|_| EnvFilter::new("info,zenoh=warn,zenoh_transport=error,zenoh_link_tcp=error"));
+    tracing_subscriber::fmt().with_env_filter(filter).with_writer(std::io::stderr).init();
+    ExitCode::from(match &cli.command {
+        Command::Run(args) => run::run(args),
+        Command::Solve(args) => solve::run(args),
+        Command::Check(args) => check::run(args),
+        Command::Query(args) => query::run(args),
+    })
 }

@@ -1,1 +1,150 @@
-//! Being written.
+//! The leader over Zenoh: translates what comes in, stamps and sends what the [`Leader`] says, drains.
+//!
+//! ```text
+//! announcements ┐                                        ┌▶ map, map/json, guidance
+//! observations  │    ┌───────────────┐   Output          ├▶ clock probes ─▶ replies come back as inputs
+//! alarms        ├───▶│ Leader (pure) │──────────────────▶┤
+//! health        │    └───────────────┘                   └▶ notices in the log
+//! presence      ┘          ▲ deadline
+//! ```
+//! One task does all of it, so nothing is locked. Inputs wait in bounded rings and carry the time of their arrival, stamped
+//! before they waited. Questions (the map, when recordings begin) are answered from the last state.
+
+mod desk;
+mod inbox;
+mod probes;
+mod replay;
+mod sessions;
+
+use std::future::Future;
+use std::time::Duration;
+
+use protocol::host_clock::Clock;
+use protocol::id::{LeaderId, TeamId};
+use protocol::meter::Row;
+use protocol::transport::{Options, Transport, TransportError, WireBytes};
+
+use crate::config::Replay;
+use crate::leader::{Input, Leader};
+use desk::Desk;
+use inbox::Inbox;
+
+/// A leader that nobody has joined for so long says so, by default.
+pub const NOBODY_AFTER: Duration = Duration::from_secs(10);
+/// How often it is looked whether anybody listens to the map as JSON.
+const LISTENERS_PERIOD: Duration = Duration::from_millis(200);
+/// Longest sleep between two looks at the leader's deadline: it follows the wall clock, which may be set.
+const LONGEST_IDLE: Duration = Duration::from_millis(500);
+
+/// What a service needs.
+#[derive(Debug)]
+pub struct Setup {
+    /// The pure leader.
+    pub leader: Leader,
+    /// Its name.
+    pub id: LeaderId,
+    /// Its team.
+    pub team: TeamId,
+    /// Its clock.
+    pub clock: Clock,
+    /// How to open the session; `clock` of the options is set from this one's.
+    pub session: Options,
+    /// When recordings begin, if robots replay some.
+    pub replay: Option<Replay>,
+    /// Whether the map is also published as JSON while somebody listens.
+    pub json: bool,
+    /// A leader that nobody has joined for so long says so; [`NOBODY_AFTER`] suits people.
+    pub nobody_after: Duration,
+}
+
+/// What a service did.
+#[derive(Debug, Clone)]
+pub struct Summary {
+    /// Observations heard.
+    pub observations: u64,
+    /// Maps published.
+    pub maps: u64,
+    /// From the arrival of an observation to its map on the wire, milliseconds: median, 99th percentile, worst.
+    pub map_latency_ms: [f32; 3],
+    /// Messages dropped because the leader was too slow.
+    pub dropped: u64,
+    /// Messages that could not be read.
+    pub refused: u64,
+    /// Traffic by robot and kind.
+    pub traffic: Vec<Row>,
+    /// Bytes on the links, where [`Options::measure`] was set.
+    pub wire: Option<WireBytes>,
+    /// What people were told.
+    pub notices: Vec<String>,
+}
+
+/// A leader's session, open but not yet at work.
+#[derive(Debug)]
+pub struct Service {
+    transport: Transport,
+    locators: Vec<String>,
+    nobody_after: Duration,
+    inbox: Inbox,
+    desk: Desk,
+}
+
+impl Service {
+    /// Opens the session and declares everything.
+    ///
+    /// # Errors
+    /// A wrong or taken endpoint, a single-threaded runtime, a session that refuses.
+    pub async fn open(mut setup: Setup) -> Result<Self, TransportError> {
+        setup.session.clock = setup.clock;
+        let transport = Transport::open(setup.session.clone()).await?;
+        let locators = transport.locators().await;
+        let nobody_after = setup.nobody_after;
+        let inbox = Inbox::declare(&transport, setup.team).await?;
+        let desk = Desk::declare(&transport, setup, locators.clone()).await?;
+        Ok(Self { transport, locators, nobody_after, inbox, desk })
+    }
+
+    /// Where agents connect to, with the real port where 0 was asked for.
+    pub fn locators(&self) -> &[String] {
+        &self.locators
+    }
+
+    /// Leads until `shutdown` ends, then closes the session.
+    ///
+    /// # Errors
+    /// The session did not close in time.
+    pub async fn run(self, shutdown: impl Future<Output = ()>) -> Result<Summary, TransportError> {
+        let Self { transport, nobody_after, mut inbox, mut desk, .. } = self;
+        let mut shutdown = std::pin::pin!(shutdown);
+        let mut nobody = std::pin::pin!(tokio::time::sleep(nobody_after));
+        let mut nobody_waits = true;
+        let mut listeners = tokio::time::interval(LISTENERS_PERIOD);
+        listeners.set_missed_tick_behavior(tokio::time::MissedTickBehavior::Skip);
+        loop {
+            let patience = desk.patience();
+            tokio::select! {
+                () = &mut shutdown => break,
+                Some(got) = inbox.observations.recv() => desk.observed(got),
+                Some(got) = inbox.announcements.recv() => desk.announced(got),
+                Some(got) = inbox.alarms.recv() => desk.alarmed(got),
+                Some(got) = inbox.healths.recv() => desk.health(got),
+                Some(sign) = inbox.robots.recv() => desk.robot_sign(sign),
+                Some(sign) = inbox.leaders.recv() => desk.leader_sign(sign),
+                Some(answered) = desk.probes.recv() => desk.probed(answered),
+                Some(asked) = inbox.map_asked.recv() => desk.give_map(asked),
+                Some(asked) = inbox.json_asked.recv() => desk.give_json(asked),
+                Some(asked) = inbox.start_asked.recv() => desk.give_start(asked),
+                () = tokio::time::sleep(patience) => desk.handle(desk.now(), Input::Deadline),
+                _ = listeners.tick() => desk.look_for_listeners().await,
+                () = &mut nobody, if nobody_waits => {
+                    nobody_waits = false;
+                    desk.say_if_nobody_came();
+                }
+            }
+            desk.declare_guidance().await;
+        }
+        let summary = desk.summary(transport.wire_bytes().await);
+        drop((inbox, desk));
+        transport.close().await?;
+        Ok(summary)
+    }
+}

@@ -87,6 +87,14 @@ impl FrameSource for ImageFolder {
         }))
     }
 
+    fn skip_before(&mut self, capture: Timestamp) -> u64 {
+        let past = self.frames.as_slice().iter().take_while(|listed| listed.capture < capture).count();
+        if past > 0 {
+            self.frames.nth(past - 1);
+        }
+        past as u64
+    }
+
     fn frames(&self) -> Option<u64> {
         Some(self.total)
     }

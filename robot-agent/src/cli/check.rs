@@ -1,12 +1,104 @@
-//! `robot-agent check`.
+//! `robot-agent check`: everything that `run` would open is opened, nothing is started.
 
-use super::Failure;
+use std::path::{Path, PathBuf};
+
+use robot_agent::agent::{Agent, AgentSettings};
+use robot_agent::capture::{self, CaptureOptions, FrameSource};
+use robot_agent::config::{AtEnd, Config, ReplayStart};
+use robot_agent::optics::MountedCamera;
+use serde_json::json;
+
+use super::{Failure, Format};
 
 /// Validates a configuration and says what is wrong, without starting.
 #[derive(Debug, clap::Args)]
-pub(super) struct Arguments {}
+pub(super) struct Arguments {
+    /// The agent's configuration file.
+    #[arg(long)]
+    config: PathBuf,
+    /// Format of the result.
+    #[arg(long, value_enum, default_value_t = Format::Text)]
+    format: Format,
+}
+
+/// A configuration with everything that it names, opened.
+pub(super) struct Checked {
+    pub(super) config: Config,
+    pub(super) agent: Agent,
+    pub(super) source: Box<dyn FrameSource>,
+}
+
+/// Reads a configuration and opens what it names.
+pub(super) fn open(path: &Path, epoch: u64) -> Result<Checked, Failure> {
+    let config = Config::read(path).map_err(Failure::usage)?;
+    let camera = MountedCamera::load(&config.camera).map_err(Failure::usage)?;
+    let image_size_px = camera.image_size_px();
+    let mut settings = AgentSettings::new(config.robot, config.marker.clone());
+    settings.host = config.host.clone();
+    settings.panorama_columns = config.work.panorama_columns;
+    settings.frame_rate_hz = config.capture.frame_rate_hz;
+    settings.max_frame_rate_hz = config.work.max_frame_rate_hz;
+    settings.budget_s = config.work.budget_s;
+    let of_camera = |error| Failure::Usage(format!("{}: {error}", config.camera.display()));
+    let agent = Agent::new(settings, camera, epoch).map_err(of_camera)?;
+    // The size is checked frame by frame by the agent, which counts what does not fit and goes on.
+    let options = CaptureOptions { frame_rate_hz: Some(config.capture.frame_rate_hz), ..CaptureOptions::default() };
+    let of_source = |error| Failure::Usage(format!("{}: `capture.source`: {error}", path.display()));
+    let source = capture::open(&config.capture.source, options).map_err(of_source)?;
+    tracing::debug!("pictures of {}x{} pixels are expected", image_size_px[0], image_size_px[1]);
+    Ok(Checked { config, agent, source })
+}
 
 /// Runs the command.
-pub(super) fn execute(_arguments: &Arguments) -> Result<(), Failure> {
-    Err(Failure::job("`check` is not built yet"))
+pub(super) fn execute(arguments: &Arguments) -> Result<(), Failure> {
+    let checked = open(&arguments.config, 0).inspect_err(|failure| {
+        if let (Failure::Usage(why), Format::Json) = (failure, arguments.format) {
+            println!("{}", json!({ "ok": false, "error": why }));
+        }
+    })?;
+    let Checked { config, mut source, .. } = checked;
+    let camera = MountedCamera::load(&config.camera).map_err(Failure::usage)?;
+    let frames = source.frames();
+    // One frame is read: a camera file for other pictures is the commonest mistake.
+    let first = match source.next_frame() {
+        None => return Err(Failure::Usage(format!("{}: no frames", config.capture.source.display()))),
+        Some(Err(error)) => return Err(Failure::usage(error)),
+        Some(Ok(frame)) => frame,
+    };
+    let [width, height] = camera.image_size_px();
+    if [first.width, first.height] != [width, height] {
+        return Err(Failure::Usage(format!(
+            "{}: the first frame has {}x{} pixels, but {} says image_size_px = [{width}, {height}]",
+            config.capture.source.display(),
+            first.width,
+            first.height,
+            config.camera.display()
+        )));
+    }
+    let replay = match config.capture.replay_start {
+        ReplayStart::Now => "at once".to_owned(),
+        ReplayStart::Leader => "when the leader says".to_owned(),
+        ReplayStart::At(instant) => format!("at {instant} of this host's clock"),
+    };
+    if arguments.format == Format::Json {
+        let report = json!({
+            "ok": true, "robot": config.robot, "team": config.team, "host": config.host, "camera": camera.summary(),
+            "source": config.capture.source, "frames": frames, "replay": replay, "connect": config.connect,
+        });
+        println!("{report}");
+        return Ok(());
+    }
+    println!("{}: fine", arguments.config.display());
+    println!("  robot     {} of team {}, on host {}", config.robot, config.team, config.host);
+    println!("  camera    {}: {}", config.camera.display(), camera.summary());
+    let count = frames.map_or_else(|| "frames".to_owned(), |n| format!("{n} frames"));
+    println!("  source    {}: {count}, first captured at {}", config.capture.source.display(), first.capture);
+    let at_end = if config.capture.at_end == AtEnd::Stop { "then stops" } else { "then stays" };
+    println!("  replay    begins {replay}, {at_end}");
+    let default = if config.connect_is_default { " (the default: a leader on this host)" } else { "" };
+    println!("  connects  {}{default}", config.connect.join(", "));
+    for remark in source.remarks() {
+        println!("  remark    {remark}");
+    }
+    Ok(())
 }

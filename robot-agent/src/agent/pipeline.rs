@@ -1,0 +1,298 @@
+//! The stages of a frame, in an order in which each can be left out.
+//!
+//! ```text
+//! unwarp ─▶ change ─▶ regions ─▶ tracks ─▶ peers ─▶ record          peers first if the frame before had no time for them
+//! ```
+//! A mutual calibration dies without peers and the map without tracks, so neither may starve: whoever was left out
+//! in one frame comes first in the next. Unwarping and change always run; without them there is no frame.
+
+use protocol::marker::Marker;
+use protocol::message::observation::{MAX_SIGHTINGS, MAX_TRACKS};
+use protocol::message::{AlarmKind, Motion, PeerSighting, Stages, TrackObservation};
+
+use super::{AgentError, AgentSettings, Frame, PictureKind, Progress};
+use crate::motion::{BackgroundState, MotionStage, Raster};
+use crate::optics::MountedCamera;
+use crate::panorama::{Lut, PanoramaGeometry, Projection};
+use crate::peers::{Grid, Peer, PeerDetector};
+use crate::picture::{self, Gallery};
+use crate::tracking::{PeerBearing, Tracker, View};
+
+/// JPEG quality of pictures for people.
+const JPEG_QUALITY: u8 = 85;
+
+/// All that works on frames.
+#[derive(Debug)]
+pub struct Pipeline {
+    camera: MountedCamera,
+    geometry: PanoramaGeometry,
+    lut: Lut,
+    motion: MotionStage,
+    tracker: Tracker,
+    markers: Vec<Marker>,
+    peer_detector: Option<PeerDetector>,
+    gallery: Gallery,
+    panorama: Vec<u8>,
+    frame: Option<Frame>,
+    /// The camera's own picture of the last frame, for the gaze windows; black before the first.
+    last_gray: Vec<u8>,
+    todo: Vec<Stage>,
+    seen: Seen,
+    peers_starved: bool,
+    peer_bearings: Vec<PeerBearing>,
+    peers: usize,
+    background: BackgroundState,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Stage {
+    Unwarp,
+    Change,
+    Regions,
+    Tracks,
+    Peers,
+    Record,
+}
+
+/// What a frame gave.
+#[derive(Debug)]
+pub struct Seen {
+    /// What the robot itself does.
+    pub motion: Motion,
+    /// Stages that ran.
+    pub stages: Stages,
+    /// Stages that would have run with enough time.
+    pub wanted: Stages,
+    /// Fellow robots.
+    pub sightings: Vec<PeerSighting>,
+    /// Moving objects.
+    pub tracks: Vec<TrackObservation>,
+    /// What happened.
+    pub events: Vec<AlarmKind>,
+}
+
+impl Default for Seen {
+    fn default() -> Self {
+        Self {
+            motion: Motion::Unknown,
+            stages: Stages::default(),
+            wanted: Stages(Stages::MOTION | Stages::PEERS),
+            sightings: Vec::new(),
+            tracks: Vec::new(),
+            events: Vec::new(),
+        }
+    }
+}
+
+impl Pipeline {
+    /// For one camera. Also gives what cannot be looked for, in words.
+    pub fn new(camera: MountedCamera, settings: &AgentSettings) -> Result<(Self, Vec<String>), AgentError> {
+        let geometry = settings.panorama(&camera)?;
+        let lut = Lut::panorama(&camera, &geometry);
+        let raster = Raster { width: geometry.width() as usize, height: geometry.height() as usize, wraps: true };
+        let valid: Vec<u8> = lut.valid().iter().map(|&valid| u8::from(valid)).collect();
+        let [width, height] = camera.image_size_px();
+        let mut pipeline = Self {
+            motion: MotionStage::new(raster, Some(&valid), settings.motion.clone())?,
+            tracker: Tracker::new(raster, View::panorama(geometry, &camera), settings.tracking.clone()),
+            markers: Vec::new(),
+            peer_detector: None,
+            gallery: Gallery::new(raster),
+            panorama: vec![0; geometry.pixels()],
+            frame: None,
+            last_gray: vec![0; width as usize * height as usize],
+            todo: Vec::new(),
+            seen: Seen::default(),
+            peers_starved: false,
+            peer_bearings: Vec::new(),
+            peers: 0,
+            background: BackgroundState::Suspended,
+            lut,
+            geometry,
+            camera,
+        };
+        let problems = pipeline.look_for(vec![settings.marker.clone()]);
+        Ok((pipeline, problems))
+    }
+
+    /// Looks for fellows of these looks from now on (none: nothing changes). Gives what cannot be looked for, in words.
+    pub fn look_for(&mut self, markers: Vec<Marker>) -> Vec<String> {
+        if markers.is_empty() || markers == self.markers {
+            return Vec::new();
+        }
+        let Some(grid) = grid(&self.geometry) else {
+            self.markers = markers;
+            return vec!["fellow robots cannot be looked for in a spherical panorama".to_owned()];
+        };
+        let detector = PeerDetector::new(&self.camera, grid, &markers);
+        let problems = detector.unsupported().iter().map(|error| format!("a fellow robot: {error}")).collect();
+        self.peer_detector = Some(detector);
+        self.markers = markers;
+        problems
+    }
+
+    /// Takes a frame of the right size.
+    pub fn begin(&mut self, frame: Frame) {
+        self.frame = Some(frame);
+        self.seen = Seen::default();
+        // Taken from the end.
+        self.todo = vec![Stage::Record, Stage::Peers, Stage::Tracks, Stage::Regions, Stage::Change, Stage::Unwarp];
+        if self.peers_starved {
+            self.todo = vec![Stage::Record, Stage::Tracks, Stage::Regions, Stage::Peers, Stage::Change, Stage::Unwarp];
+        }
+    }
+
+    /// Does the next stage, or leaves it out if there is no time.
+    pub fn step(&mut self, hurry: bool) -> Progress {
+        let Some(frame) = self.frame.take() else { return Progress::Done };
+        match self.todo.pop() {
+            Some(Stage::Unwarp) => self.unwarp(&frame),
+            Some(Stage::Change) => self.change(&frame),
+            Some(Stage::Regions) if !hurry => self.regions(),
+            Some(Stage::Tracks) if !hurry => self.tracks(&frame),
+            Some(Stage::Peers) => {
+                self.peers_starved = hurry;
+                if !hurry {
+                    self.find_peers(&frame);
+                }
+            }
+            Some(Stage::Record) if !hurry => self.gallery.record(&self.motion, &self.tracker.tracks()),
+            Some(_) => {}
+            None => return Progress::Done,
+        }
+        if self.todo.is_empty() {
+            self.last_gray = frame.gray;
+            return Progress::Done;
+        }
+        self.frame = Some(frame);
+        Progress::More
+    }
+
+    /// What the frame gave; to be taken once when all steps are done.
+    pub fn take_result(&mut self) -> Seen {
+        self.peers = self.seen.sightings.len();
+        std::mem::take(&mut self.seen)
+    }
+
+    fn unwarp(&mut self, frame: &Frame) {
+        // The sizes were checked when the frame came in; a table that disagrees leaves the last panorama.
+        if let Err(error) = self.lut.unwarp(&frame.gray, &mut self.panorama) {
+            debug_assert!(false, "{error}");
+        }
+    }
+
+    fn change(&mut self, frame: &Frame) {
+        let Ok(change) = self.motion.change(&self.panorama, frame.capture) else { return };
+        self.seen.stages.0 |= Stages::MOTION;
+        self.seen.motion = change.motion;
+        self.seen.events.extend(change.alarm);
+        self.background = change.background;
+        if change.background == BackgroundState::Ready {
+            self.seen.wanted.0 |= Stages::EXTRACTION | Stages::TRACKING | Stages::LOCALISATION | Stages::IDENTIFICATION;
+        } else {
+            self.tracker.suspend(frame.capture);
+            self.seen.events.extend(self.tracker.take_events());
+        }
+    }
+
+    fn regions(&mut self) {
+        if self.background == BackgroundState::Ready {
+            self.motion.extract();
+            self.seen.stages.0 |= Stages::EXTRACTION;
+        }
+    }
+
+    fn tracks(&mut self, frame: &Frame) {
+        if !self.seen.stages.ran(Stages::EXTRACTION) {
+            return;
+        }
+        self.tracker.step(&self.motion.scene(), frame.capture, &self.peer_bearings);
+        self.motion.learn(self.tracker.holds());
+        self.seen.tracks = self.tracker.observations();
+        self.seen.tracks.truncate(MAX_TRACKS);
+        self.seen.events.extend(self.tracker.take_events());
+        self.seen.stages.0 |= Stages::TRACKING | Stages::LOCALISATION | Stages::IDENTIFICATION;
+    }
+
+    fn find_peers(&mut self, frame: &Frame) {
+        let Some(detector) = &mut self.peer_detector else { return };
+        let peers = detector.follow(&frame.gray, &self.panorama);
+        self.seen.sightings = peers.iter().map(Peer::to_sighting).collect();
+        self.seen.sightings.truncate(MAX_SIGHTINGS);
+        self.peer_bearings = self.seen.sightings.iter().map(bearing).collect();
+        self.seen.stages.0 |= Stages::PEERS;
+    }
+
+    /// A picture for people, encoded.
+    pub fn picture(&self, kind: PictureKind) -> Result<Vec<u8>, String> {
+        let (gallery, panorama) = (&self.gallery, &self.panorama);
+        let (tracks, view) = (self.tracker.tracks(), self.tracker.view());
+        let encoded = match kind {
+            PictureKind::Panorama => picture::encode_jpeg(&gallery.panorama(panorama, &tracks, view), JPEG_QUALITY),
+            PictureKind::Gaze => {
+                picture::encode_jpeg(&gallery.gaze(&self.last_gray, &self.camera, &tracks), JPEG_QUALITY)
+            }
+            PictureKind::Synopsis => picture::encode_jpeg(&gallery.synopsis(&self.motion), JPEG_QUALITY),
+            PictureKind::Background => picture::encode_jpeg(&gallery.background(&self.motion), JPEG_QUALITY),
+            PictureKind::Objects => picture::encode_png(&gallery.objects(&self.motion)),
+            PictureKind::Tracks => picture::encode_png(&gallery.tracks(&self.motion)),
+        };
+        encoded.map_err(|error| error.to_string())
+    }
+
+    /// Background and tracks begin anew.
+    pub fn restart(&mut self) {
+        self.motion.restart();
+        self.tracker.reset();
+    }
+
+    /// The background begins anew.
+    pub fn restart_background(&mut self) {
+        self.motion.restart();
+    }
+
+    /// All tracks are forgotten.
+    pub fn reset_tracks(&mut self) {
+        self.tracker.reset();
+    }
+
+    /// Whether objects can be told from the background.
+    pub fn is_background_ready(&self) -> bool {
+        self.background == BackgroundState::Ready
+    }
+
+    /// Tracks followed now.
+    pub fn tracks_now(&self) -> usize {
+        self.tracker.observations().len()
+    }
+
+    /// Peers in the last frame.
+    pub fn peers_now(&self) -> usize {
+        self.peers
+    }
+}
+
+/// The panorama as the peer detector wants it: cylinders only.
+fn grid(geometry: &PanoramaGeometry) -> Option<Grid> {
+    let [low, high] = geometry.elevation_rad();
+    (geometry.projection() == Projection::Cylinder).then(|| Grid {
+        width: geometry.width() as usize,
+        height: geometry.height() as usize,
+        seam_rad: geometry.theta0_rad(),
+        tangents: [high.tan(), low.tan()],
+    })
+}
+
+/// Where the tracker should expect a robot, not a person.
+fn bearing(sighting: &PeerSighting) -> PeerBearing {
+    /// Half width where no edges were measured: a robot of 0.2 m radius at 2 m.
+    const DEFAULT_HALF_WIDTH_RAD: f64 = 0.1;
+    let bearing_rad = sighting.bearing.rad();
+    let half_width = sighting
+        .features
+        .iter()
+        .map(|feature| protocol::angle::difference(feature.bearing.rad(), bearing_rad).abs())
+        .fold(0.0, f64::max);
+    let half_width_rad = if half_width > 0.0 { half_width } else { DEFAULT_HALF_WIDTH_RAD };
+    PeerBearing { bearing_rad, half_width_rad }
+}

@@ -1,0 +1,189 @@
+//! `team-leader query`: asks a running team by key, as any outsider could.
+
+use std::io::Write;
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+use clap::{Args, Subcommand};
+use protocol::id::{NameError, RobotId, TeamId};
+use protocol::key::{Key, RobotTopic};
+use protocol::message::{Command, CommandReply, PictureKind};
+use protocol::transport::{AskError, AskedMapJson, AskedPicture, CLOSE_LIMIT, Options, Transport, TransportError};
+
+use super::solve::Format;
+use crate::config::Config;
+
+/// Time to reach the leader.
+const CONNECT_LIMIT: Duration = Duration::from_secs(3);
+/// Time for the answer.
+const ANSWER_LIMIT: Duration = Duration::from_secs(5);
+
+/// Arguments of `query`.
+#[derive(Debug, Clone, Args)]
+pub struct QueryArgs {
+    /// The leader's configuration file: team and endpoints.
+    #[arg(long, global = true, default_value = "leader.toml")]
+    pub config: PathBuf,
+    #[command(subcommand)]
+    what: What,
+}
+
+#[derive(Debug, Clone, Subcommand)]
+enum What {
+    /// The team map, as JSON.
+    Map,
+    /// A picture of a robot.
+    Picture {
+        /// The robot.
+        robot: String,
+        /// panorama, objects, gaze, synopsis, tracks or background.
+        kind: String,
+        /// Where to write it (JPEG or PNG, as the robot sends it).
+        #[arg(long)]
+        out: PathBuf,
+    },
+    /// A command to a robot, answered as JSON.
+    Command {
+        /// The robot.
+        robot: String,
+        /// What to do.
+        #[command(subcommand)]
+        command: Word,
+    },
+}
+
+#[derive(Debug, Clone, Copy, Subcommand)]
+enum Word {
+    /// Say how you are.
+    Status,
+    /// Start the background anew.
+    RestartBackground,
+    /// Forget all tracks.
+    ResetTracks,
+    /// Work on at most this many frames a second.
+    SetFrameRate {
+        /// Above 0 and at most 120.
+        rate_hz: f32,
+    },
+    /// Stop publishing observations.
+    Pause,
+    /// Go on.
+    Resume,
+}
+
+#[derive(Debug, thiserror::Error)]
+enum QueryError {
+    #[error("{0}")]
+    Name(#[from] NameError),
+    #[error("{0}")]
+    Picture(#[from] protocol::message::picture::UnknownPicture),
+    #[error(transparent)]
+    Transport(#[from] TransportError),
+    #[error(transparent)]
+    Ask(#[from] AskError),
+    #[error("{}: cannot be written: {source}", path.display())]
+    Write { path: PathBuf, source: std::io::Error },
+    #[error("refused: {0}")]
+    Refused(String),
+}
+
+/// Asks; the exit code: 0 answered, 1 not answered, 2 a wrong configuration or name.
+pub fn run(args: &QueryArgs) -> u8 {
+    let config = match Config::read(&args.config) {
+        Ok(config) => config,
+        Err(error) => return super::usage_error(&error, Format::Text),
+    };
+    let runtime = match tokio::runtime::Builder::new_multi_thread().worker_threads(1).enable_all().build() {
+        Ok(runtime) => runtime,
+        Err(error) => return super::failure(&error, Format::Text),
+    };
+    let asked = runtime.block_on(ask(&config, &args.what));
+    runtime.shutdown_timeout(CLOSE_LIMIT);
+    match asked {
+        Ok(()) => 0,
+        Err(error @ (QueryError::Name(_) | QueryError::Picture(_))) => super::usage_error(&error, Format::Text),
+        Err(error) => super::failure(&error, Format::Text),
+    }
+}
+
+async fn ask(config: &Config, what: &What) -> Result<(), QueryError> {
+    let mut options = Options::client(config.listen.iter().map(|endpoint| reachable(endpoint)));
+    options.connect_limit = Some(CONNECT_LIMIT);
+    let transport = Transport::open(options).await?;
+    let answered = answer(&transport, config.team, what).await;
+    transport.close().await?;
+    answered
+}
+
+async fn answer(transport: &Transport, team: TeamId, what: &What) -> Result<(), QueryError> {
+    match what {
+        What::Map => {
+            let map = transport.ask(Key::map_json(team), &AskedMapJson, ANSWER_LIMIT).await?.answer;
+            print(&map);
+        }
+        What::Picture { robot, kind, out } => {
+            let (robot, kind): (RobotId, PictureKind) = (robot.parse()?, kind.parse()?);
+            let key = Key::robot(team, robot, RobotTopic::Picture(kind));
+            let picture = transport.ask(key, &AskedPicture(kind), ANSWER_LIMIT).await?.answer;
+            write(out, &picture.0)?;
+            print(&format!("{}: {} bytes", out.display(), picture.0.len()));
+        }
+        What::Command { robot, command } => {
+            let key = Key::robot(team, robot.parse()?, RobotTopic::Command);
+            let reply = transport.ask(key, &Command::from(*command), ANSWER_LIMIT).await?.answer;
+            print(&in_words(reply)?);
+        }
+    }
+    Ok(())
+}
+
+/// Where a leader that listens on all addresses is reached from its own host.
+fn reachable(endpoint: &str) -> String {
+    endpoint.replace("/0.0.0.0:", "/127.0.0.1:").replace("/[::]:", "/[::1]:")
+}
+
+fn write(path: &Path, bytes: &[u8]) -> Result<(), QueryError> {
+    std::fs::write(path, bytes).map_err(|source| QueryError::Write { path: path.to_owned(), source })
+}
+
+fn in_words(reply: CommandReply) -> Result<String, QueryError> {
+    Ok(match reply {
+        CommandReply::Done => serde_json::json!({ "reply": "done" }),
+        CommandReply::Refused(why) => return Err(QueryError::Refused(why)),
+        CommandReply::Status { epoch, frames, background_ready, paused, tracks, peers } => serde_json::json!({
+            "reply": "status", "epoch": epoch, "frames": frames, "background_ready": background_ready,
+            "paused": paused, "tracks": tracks, "peers": peers,
+        }),
+    }
+    .to_string())
+}
+
+fn print(text: &str) {
+    // Whoever read our output may have gone.
+    let _ = writeln!(std::io::stdout(), "{text}");
+}
+
+impl From<Word> for Command {
+    fn from(word: Word) -> Self {
+        match word {
+            Word::Status => Self::Status,
+            Word::RestartBackground => Self::RestartBackground,
+            Word::ResetTracks => Self::ResetTracks,
+            Word::SetFrameRate { rate_hz } => Self::SetFrameRate(rate_hz),
+            Word::Pause => Self::Pause,
+            Word::Resume => Self::Resume,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_leader_on_all_addresses_is_asked_on_loopback() {
+        assert_eq!(reachable("tcp/0.0.0.0:7447"), "tcp/127.0.0.1:7447");
+        assert_eq!(reachable("tcp/[::]:7447"), "tcp/[::1]:7447");
+        assert_eq!(reachable("tcp/192.168.1.10:7447"), "tcp/192.168.1.10:7447");
+    }
+}
