@@ -1,6 +1,8 @@
 //! Poses in the plane. `team_from_body` maps body coordinates to team coordinates, so products read left to right:
 //! `team_from_a * a_from_b = team_from_b`.
 
+mod jacobians;
+
 use std::f64::consts::PI;
 use std::ops::Mul;
 

@@ -1,11 +1,19 @@
 //! What robots wear so that others can measure them: geometry, look, and where features appear.
 //!
-//! `MATHS.md` §5.2: cylinder (report 5.2.1, erratum to 5-2), vertical bars (5.2.2), rectangle (5.2.3).
+//! `MATHS.md` §5.2: cylinder (report 5.2.1, erratum to 5-2), vertical bars (5.2.2), rectangle (5.2.3). [`Marker::features`]
+//! predicts a picture from a relative pose; [`closed_form`] goes the other way.
+
+pub mod closed_form;
+mod features;
+#[cfg(test)]
+mod golden;
 
 use bincode::{Decode, Encode};
 use serde::{Deserialize, Serialize};
 
 use crate::codec::{Invalid, check};
+
+pub use features::{PredictedFeature, polar_jacobian};
 
 /// Most bars of a marker.
 pub const MAX_BARS: usize = 64;
@@ -44,13 +52,14 @@ pub enum Marker {
         #[serde(default, skip_serializing_if = "Option::is_none")]
         look: Option<Look>,
     },
-    /// A flat rectangle of known size.
+    /// A flat upright rectangle of known size that looks along the body's x axis.
     Rectangle {
         /// W.
         width_m: f64,
         /// H.
         height_m: f64,
-        /// L₁: from the edge to the foot of the perpendicular from the robot's axis.
+        /// L₁: from the edge that an observer in front sees on its left (the body's right) to the foot of the
+        /// perpendicular from the robot's axis.
         left_edge_m: f64,
         /// d: the axis' distance behind the plate.
         behind_m: f64,
