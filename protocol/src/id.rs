@@ -156,3 +156,42 @@ impl fmt::Display for TargetId {
         write!(f, "t{}", self.0)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn short_plain_names_are_names() {
+        for name in ["r", "r1", "sixteen-letters-", "0_0-z"] {
+            let id = RobotId::new(name).unwrap();
+            assert_eq!((id.as_str(), id.to_string().parse()), (name, Ok(id)));
+        }
+    }
+
+    #[test]
+    fn other_names_are_refused_with_the_reason() {
+        for (name, part) in [
+            ("", "0 characters"),
+            ("seventeen-letters", "17 characters"),
+            ("R1", "'R'"),
+            ("r/1", "'/'"),
+            ("*", "'*'"),
+            ("r 1", "' '"),
+            ("é", "'é'"),
+        ] {
+            let error = TeamId::new(name).unwrap_err().to_string();
+            assert!(error.contains(part), "{error}");
+        }
+        // What is shown of a hostile name is short.
+        assert!(RobotId::new(&"a".repeat(100_000)).unwrap_err().to_string().len() < 200);
+        assert!(serde_json::from_str::<RobotId>("\"R\"").is_err());
+    }
+
+    #[test]
+    fn names_sort_like_their_text() {
+        let mut names = ["r2", "r10", "a", "r1"].map(|name| RobotId::new(name).unwrap());
+        names.sort();
+        assert_eq!(names.map(|name| name.to_string()), ["a", "r1", "r10", "r2"]);
+    }
+}

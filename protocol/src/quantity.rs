@@ -109,3 +109,58 @@ raw_bytes!(Angle16, i16, 2);
 raw_bytes!(Millimetres, u16, 2);
 raw_bytes!(LogSigma, u8, 1);
 raw_bytes!(Fraction8, u8, 1);
+
+#[cfg(test)]
+mod tests {
+    use std::f64::consts::PI;
+
+    use super::*;
+    use crate::angle::difference;
+
+    #[test]
+    fn an_angle_comes_back_within_half_a_step_and_wraps() {
+        for i in -4000..4000 {
+            let angle = f64::from(i) * 0.00173;
+            let back = Angle16::from_rad(angle).rad();
+            assert!(difference(back, angle).abs() <= 0.5 * Angle16::STEP_RAD + 1e-12, "{angle}");
+        }
+        assert_eq!(Angle16::from_rad(PI), Angle16::from_rad(-PI));
+        assert_eq!(Angle16::from_rad(PI).rad(), PI);
+        assert_eq!(Angle16::from_rad(f64::NAN), Angle16(0));
+    }
+
+    #[test]
+    fn lengths_and_fractions_saturate() {
+        assert_eq!(
+            [-1.0, 0.0004, 2.0, 65.535, 1e9, f64::NAN].map(Millimetres::from_m).map(|m| m.0),
+            [0, 0, 2000, 65535, 65535, 0]
+        );
+        assert_eq!([-1.0, 0.5, 1.0, 7.0, f64::NAN].map(Fraction8::from_value).map(|f| f.0), [0, 128, 255, 255, 0]);
+    }
+
+    #[test]
+    fn a_sigma_is_never_sent_smaller_than_it_is_nor_much_larger() {
+        for i in 0..1000 {
+            let sigma = 1.1e-5 * f64::from(i).mul_add(0.017, 0.0).exp();
+            if sigma > 400.0 {
+                break;
+            }
+            let sent = LogSigma::from_value(sigma);
+            assert!(sent.value() >= sigma * (1.0 - 1e-9) && sent.value() <= sigma * 1.0719, "{sigma}");
+            assert_eq!(LogSigma::from_value(sent.value()), sent);
+        }
+        assert_eq!([f64::NAN, f64::INFINITY, 1e9].map(LogSigma::from_value), [LogSigma(255); 3]);
+        assert_eq!([0.0, -1.0, 1e-9].map(LogSigma::from_value), [LogSigma(0); 3]);
+    }
+
+    #[test]
+    fn every_quantity_has_one_size_whatever_its_value() {
+        let len = |value: &dyn Fn() -> Vec<u8>| value().len();
+        let config = bincode::config::standard();
+        for i in [i16::MIN, -1, 0, 300, i16::MAX] {
+            assert_eq!(len(&|| bincode::encode_to_vec(Angle16(i), config).unwrap()), 2);
+            assert_eq!(len(&|| bincode::encode_to_vec(Millimetres(i as u16), config).unwrap()), 2);
+        }
+        assert_eq!(len(&|| bincode::encode_to_vec((LogSigma(255), Fraction8(255)), config).unwrap()), 2);
+    }
+}

@@ -55,3 +55,25 @@ impl fmt::Display for Timestamp {
         write!(f, "{}.{:09}s", self.0 / 1_000_000_000, self.0 % 1_000_000_000)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn differences_are_signed_and_exact_to_the_nanosecond() {
+        let (a, b) = (Timestamp(1_790_000_000_123_456_789), Timestamp(1_790_000_000_123_456_788));
+        assert_eq!((a.seconds_since(b), b.seconds_since(a)), (1e-9, -1e-9));
+        assert_eq!(a.offset_by_secs(-1e-9), b);
+        assert_eq!(a.to_string(), "1790000000.123456789s");
+    }
+
+    #[test]
+    fn nothing_runs_over_the_ends_of_time() {
+        assert_eq!(Timestamp(5) - Duration::from_secs(1), Timestamp(0));
+        assert_eq!(Timestamp(u64::MAX) + Duration::MAX, Timestamp(u64::MAX));
+        assert_eq!(Timestamp(5).offset_by_secs(f64::NEG_INFINITY), Timestamp(0));
+        assert_eq!([-1.0, f64::NAN].map(Timestamp::from_secs_f64), [Timestamp(0); 2]);
+        assert!((Timestamp(u64::MAX).seconds_since(Timestamp(0)) - 18_446_744_073.709_55).abs() < 1e-5);
+    }
+}
