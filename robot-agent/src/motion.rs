@@ -15,6 +15,7 @@
 mod background;
 mod bodies;
 mod filter;
+mod floor;
 mod gain;
 mod gate;
 mod ghost;
@@ -82,6 +83,9 @@ pub struct MotionSettings {
     pub min_area_px: usize,
     /// Rows between two pieces of one body, as a share of their joint height.
     pub max_gap_share: f64,
+    /// Row that whoever stands on the floor reaches above: the horizon of a camera below people's hips. What stays below it
+    /// (shadows on the floor, robots) is then never one object with somebody. `None` where people may be below it.
+    pub upright_row: Option<usize>,
     /// Whether the camera is on a robot that may drive. Off for a fixed camera.
     pub own_motion: bool,
 }
@@ -97,6 +101,7 @@ impl Default for MotionSettings {
             gap: [1, 2],
             min_area_px: 30,
             max_gap_share: 0.12,
+            upright_row: None,
             own_motion: true,
         }
     }
@@ -189,6 +194,8 @@ pub struct MotionStage {
     strong: Vec<u8>,
     changed: Vec<u8>,
     mask: Vec<u8>,
+    upright: Vec<u8>,
+    low: Vec<u8>,
     how: Vec<u8>,
     /// When something last moved at a pixel, tenths of a second since `first_capture`.
     moved_ds: Vec<u32>,
@@ -243,6 +250,8 @@ impl MotionStage {
             strong: vec![0; n],
             changed: vec![0; n],
             mask: vec![0; n],
+            upright: vec![0; n],
+            low: vec![0; n],
             how: vec![0; n],
             moved_ds: vec![0; n],
             first_capture: None,
@@ -325,8 +334,7 @@ impl MotionStage {
         let share_q8 = (self.settings.halo_share * 256.0).clamp(0.0, 255.0) as u8;
         self.halo.trim(&self.magnitude, share_q8, &mut self.faint);
         self.majority.apply(&self.faint, &mut self.mask);
-        let fragments = group(&self.mask, &self.raster, self.settings.gap, self.settings.min_area_px / 4 + 1);
-        let mut regions = bodies::join_fragments(fragments, &self.raster, self.settings.max_gap_share);
+        let mut regions = self.group_bodies();
         regions.retain(|r| {
             // A real body is clearly different somewhere.
             let strong = count_in(r, &self.strong, self.raster.width);
@@ -485,6 +493,8 @@ impl MotionStage {
             &mut self.faint,
             &mut self.strong,
         );
+        let exposure_q15 = gain::inverse_q15(self.gain);
+        self.background.forgive_known(&self.picture, exposure_q15, &mut self.faint, &mut self.strong);
         self.update_noise_sigma();
         // Noise of a difference of two frames is √2 that of one (T_D of §7.4).
         let threshold = (4.0 * std::f64::consts::SQRT_2 * self.noise_sigma).max(self.settings.floor_levels[1]);
@@ -502,6 +512,21 @@ impl MotionStage {
         let middle = sample.len() / 2;
         let (_, median, _) = sample.select_nth_unstable(middle);
         self.noise_sigma = (f64::from(*median) / 256.0 * 1.2533).max(0.3);
+    }
+
+    /// Regions of the mask, fragments joined; what stands upright apart from what lies on the floor.
+    fn group_bodies(&mut self) -> Vec<Region> {
+        let (gap, share) = (self.settings.gap, self.settings.max_gap_share);
+        let least = self.settings.min_area_px / 4 + 1;
+        let together =
+            |mask: &[u8], raster: &Raster| bodies::join_fragments(group(mask, raster, gap, least), raster, share);
+        let Some(row) = self.settings.upright_row else { return together(&self.mask, &self.raster) };
+        floor::split(&self.mask, row, &self.raster, &mut self.upright, &mut self.low);
+        let mut regions = together(&self.upright, &self.raster);
+        let low = together(&self.low, &self.raster);
+        let is_shadow = |r: &Region| floor::is_shadow(r, &self.picture, &self.background.level, &self.raster);
+        regions.extend(low.into_iter().filter(|r| !is_shadow(r)));
+        regions
     }
 
     /// Still regions whose outline lies in the background for some frames: take over what is there now.
@@ -551,7 +576,7 @@ const MARGIN: usize = 3;
 /// Least age of the frame for the change gate.
 const GATE_SPACING_S: f64 = 0.1;
 /// A still region that nobody follows is learnt after so many tenths of a second.
-const STILL_DS: u32 = 10;
+const STILL_DS: u32 = 20;
 /// Frames in which a region must look like a ghost before it is one.
 const GHOST_FRAMES: u32 = 2;
 const FOLLOWED_GHOST_FRAMES: u32 = 10;

@@ -14,6 +14,8 @@ mod extent;
 mod filter;
 mod group;
 mod range;
+#[cfg(test)]
+mod reality;
 mod track;
 mod view;
 
@@ -480,7 +482,7 @@ impl Tracker {
             let patch: Patch = track.patch();
             if now.seconds_since(track.moved) > self.settings.hold_s {
                 self.holds.release.push(patch);
-            } else if now.seconds_since(track.seen) <= 1.0 {
+            } else if now.seconds_since(track.seen) <= 1.0 && track.has_come() {
                 self.holds.keep.push(patch);
             }
         }

@@ -123,7 +123,11 @@ impl Offline {
             let valid = camera.mask().map(|m| m.tested.iter().map(|&t| u8::from(t)).collect());
             (None, Raster { width: w, height: h, wraps: false }, View::image(camera.clone()), valid)
         };
-        let settings = MotionSettings { own_motion: panoramic || may_drive, ..MotionSettings::default() };
+        let settings = MotionSettings {
+            own_motion: panoramic || may_drive,
+            upright_row: view.upright_row(),
+            ..MotionSettings::default()
+        };
         let motion = MotionStage::new(raster, valid.as_deref(), settings).map_err(Failure::usage)?;
         Ok(Self {
             camera,

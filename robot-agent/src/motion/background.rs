@@ -6,6 +6,12 @@
 //! whoever walks), followed by the running average, while those who stood in the first frames leave a *ghost* that is
 //! recognised by its edges (see `ghost`) and removed.
 //!
+//! One second is not enough to lose somebody who walks towards the robot, so in the live mode each pixel has a *second look*
+//! beside its background: what else is seen there, and for how many frames each of the two was. The look seen longer is
+//! the background; one that was the background before is still known and is no object when it is seen again. So the
+//! bootstrap refines itself in as many seconds as it took, a background that was seen for half a minute is not moved by
+//! somebody who stops, and where the tracker follows somebody nothing is counted at all.
+//!
 //! The noise estimate is a running mean of |C − B| outside objects, so thresholds follow the camera, its gain, flickering
 //! lamps and vibrating edges, pixel by pixel.
 
@@ -43,9 +49,14 @@ pub struct Background {
     pub(super) level: Vec<u16>,
     /// Mean absolute deviation of the picture from `level` where nothing moves.
     pub(super) noise: Vec<u16>,
+    /// Second look of each pixel; empty but in the live mode.
+    second: Vec<u16>,
+    seen: Vec<u8>,
+    seen_second: Vec<u8>,
+    second_is_known: Vec<u8>,
     /// Frames collected for the median; empty once it is there.
     stack: Vec<Vec<u8>>,
-    seen: usize,
+    arrived: usize,
     first_capture: Timestamp,
     last_taken: Timestamp,
     ready: bool,
@@ -54,12 +65,17 @@ pub struct Background {
 impl Background {
     /// Nothing known yet, for pictures of `len` pixels.
     pub fn new(mode: BackgroundMode, len: usize) -> Self {
+        let looks = if matches!(mode, BackgroundMode::Live { .. }) { len } else { 0 };
         Self {
             mode,
             level: vec![0; len],
             noise: vec![0; len],
+            second: vec![0; looks],
+            seen: vec![0; looks],
+            seen_second: vec![0; looks],
+            second_is_known: vec![0; looks],
             stack: Vec::new(),
-            seen: 0,
+            arrived: 0,
             first_capture: Timestamp(0),
             last_taken: Timestamp(0),
             ready: false,
@@ -79,21 +95,21 @@ impl Background {
     /// Forget everything; the next frame is the first.
     pub fn restart(&mut self) {
         self.stack.clear();
-        self.seen = 0;
+        self.arrived = 0;
         self.ready = false;
     }
 
     /// Take a frame while the background is not ready; true when it has become ready with it.
     pub fn collect(&mut self, picture: &[u8], capture: Timestamp) -> bool {
-        if self.seen == 0 {
+        if self.arrived == 0 {
             self.first_capture = capture;
         }
-        self.seen += 1;
+        self.arrived += 1;
         let elapsed_s = capture.seconds_since(self.first_capture);
         let (take, enough) = match self.mode {
             BackgroundMode::Instantaneous => (true, 1),
             BackgroundMode::Permanent { frames, every } => {
-                ((self.seen - 1).is_multiple_of(every.max(1)), frames.clamp(2, 255))
+                ((self.arrived - 1).is_multiple_of(every.max(1)), frames.clamp(2, 255))
             }
             BackgroundMode::Live { bootstrap_s } => {
                 // Evenly over the time, whatever the frame rate; a slow camera makes do with two.
@@ -136,6 +152,9 @@ impl Background {
             *noise = ((blended * 256.0) as u16).min(kernel::NOISE_MAX);
         }
         self.stack.clear();
+        self.seen.fill(BOOTSTRAP_SEEN);
+        self.seen_second.fill(0);
+        self.second_is_known.fill(0);
         self.ready = true;
     }
 
@@ -145,15 +164,51 @@ impl Background {
             let LearningRate { shift, small_step } = rate;
             kernel::learn(picture, exposure_q15, how, shift, shift + 1, small_step, &mut self.level, &mut self.noise);
         }
+        if self.ready && !self.second.is_empty() {
+            kernel::count_looks(
+                picture,
+                exposure_q15,
+                how,
+                &self.noise,
+                MOST_SEEN,
+                LEAD,
+                &mut self.level,
+                &mut self.second,
+                &mut self.seen,
+                &mut self.seen_second,
+                &mut self.second_is_known,
+            );
+        }
+    }
+
+    /// Takes away marks where the picture shows what was the background before.
+    pub(super) fn forgive_known(&self, picture: &[u8], exposure_q15: u16, faint: &mut [u8], strong: &mut [u8]) {
+        if !self.second.is_empty() {
+            let layers = kernel::Layers { second: &self.second, second_is_known: &self.second_is_known };
+            kernel::forgive_known(picture, exposure_q15, &self.noise, layers, faint, strong);
+        }
     }
 
     /// Take the picture's levels for `len` pixels from index `start`: what stood there has left.
     pub(super) fn absorb(&mut self, picture: &[u8], start: usize, len: usize) {
         for i in start..start + len {
             self.level[i] = u16::from(picture[i]) << 8;
+            if let Some(seen) = self.seen.get_mut(i) {
+                // What was there is no background: it is not kept as a known look.
+                (*seen, self.seen_second[i], self.second_is_known[i]) = ((*seen).max(GHOST_SEEN), 0, 0);
+            }
         }
     }
 }
+
+/// What a bootstrap counts for, frames: something else that stays for a second replaces it.
+const BOOTSTRAP_SEEN: u8 = 6;
+/// What a background counts for that was found by removing a ghost.
+const GHOST_SEEN: u8 = 20;
+/// Most frames counted: half a minute at 8 Hz.
+const MOST_SEEN: u8 = 250;
+/// Frames by which the second look must have been seen longer.
+const LEAD: u8 = 3;
 
 /// How fast a background follows, a frame.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

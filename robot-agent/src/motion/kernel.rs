@@ -32,6 +32,91 @@ pub fn mark_changes(
     }
 }
 
+/// The second look of a pixel, see [`super::background`]: what is seen there besides the background, how many frames each
+/// of the two was seen, and whether the second was the background before.
+#[derive(Debug, Clone, Copy)]
+pub struct Layers<'a> {
+    /// Level of the second look, 8.8 fixed point.
+    pub second: &'a [u16],
+    /// 1 where the second look was the background once.
+    pub second_is_known: &'a [u8],
+}
+
+/// How near a level must be to be the same look: 3.2 σ, at least four grey levels.
+#[inline(always)]
+fn tolerance(noise: u16) -> u16 {
+    (noise * 4).max(1024)
+}
+
+/// Takes away marks where the picture shows what was the background before.
+pub fn forgive_known(
+    current: &[u8],
+    exposure_q15: u16,
+    noise: &[u16],
+    layers: Layers<'_>,
+    faint: &mut [u8],
+    strong: &mut [u8],
+) {
+    let n = current.len();
+    let (noise, second, known) = (&noise[..n], &layers.second[..n], &layers.second_is_known[..n]);
+    let (faint, strong) = (&mut faint[..n], &mut strong[..n]);
+    for i in 0..n {
+        let same = expose(current[i], exposure_q15).abs_diff(second[i]) < tolerance(noise[i]);
+        let keep = !(u8::from(same) & known[i]) & 1;
+        faint[i] &= keep;
+        strong[i] &= keep;
+    }
+}
+
+/// Counts which of its two looks each pixel shows, replaces a second look that is not seen any more, and makes the second
+/// the background where it has been seen `lead` frames longer. Counts stop at `most`. Nothing happens where `how` is
+/// [`KEEP`].
+#[allow(clippy::too_many_arguments)]
+pub fn count_looks(
+    current: &[u8],
+    exposure_q15: u16,
+    how: &[u8],
+    noise: &[u16],
+    most: u8,
+    lead: u8,
+    level: &mut [u16],
+    second: &mut [u16],
+    seen: &mut [u8],
+    seen_second: &mut [u8],
+    second_is_known: &mut [u8],
+) {
+    let n = current.len();
+    let (how, noise, level, second) = (&how[..n], &noise[..n], &mut level[..n], &mut second[..n]);
+    let (seen, seen_second, known) = (&mut seen[..n], &mut seen_second[..n], &mut second_is_known[..n]);
+    for i in 0..n {
+        if how[i] == KEEP {
+            continue;
+        }
+        let now = expose(current[i], exposure_q15);
+        let tolerance = tolerance(noise[i]);
+        if now.abs_diff(level[i]) < tolerance {
+            seen[i] = (seen[i] + 1).min(most);
+            continue;
+        }
+        if now.abs_diff(second[i]) < tolerance && seen_second[i] > 0 {
+            seen_second[i] = (seen_second[i] + 1).min(most);
+            let step = (i32::from(now) - i32::from(second[i])) >> 3;
+            second[i] = (i32::from(second[i]) + step) as u16;
+        } else {
+            seen_second[i] = seen_second[i].saturating_sub(1);
+            if seen_second[i] == 0 {
+                (second[i], seen_second[i], known[i]) = (now, 1, 0);
+            }
+        }
+        if seen_second[i] > seen[i].saturating_add(lead) || seen_second[i] == most {
+            std::mem::swap(&mut level[i], &mut second[i]);
+            std::mem::swap(&mut seen[i], &mut seen_second[i]);
+            seen_second[i] = seen_second[i].min(most / 2);
+            known[i] = 1;
+        }
+    }
+}
+
 /// |a − b| ≥ `threshold` as 0 or 1 (6-1).
 pub fn mark_difference(a: &[u8], b: &[u8], threshold: u8, out: &mut [u8]) {
     let n = a.len();

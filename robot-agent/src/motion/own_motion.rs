@@ -133,12 +133,13 @@ impl OwnMotion {
             let columns = sector * width / SECTORS..(sector + 1) * width / SECTORS;
             let Some(fit) = self.sums.solve(columns) else { continue };
             // A shift of 0.3 px must stand out of the noise by three sigmas.
-            if fit.sigma_per_noise * noise_sigma * std::f64::consts::SQRT_2 > 0.1 {
+            let sigma_px = fit.sigma_per_noise * noise_sigma * std::f64::consts::SQRT_2;
+            if sigma_px > 0.1 {
                 continue;
             }
             comparison.textured += 1;
             let explained = fit.residual_variance < 30f64.max(12.0 * noise_sigma * noise_sigma);
-            if explained && fit.shift_px.iter().all(|s| s.abs() < tolerance_px) {
+            if explained && fit.shift_px.iter().all(|s| s.abs() < tolerance_px + 2.5 * sigma_px) {
                 comparison.still += 1;
                 comparison.relit += usize::from(fit.mean_change > 6.0 || fit.gain_change.abs() > 0.08);
             }

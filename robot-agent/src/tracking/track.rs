@@ -187,6 +187,11 @@ impl Track {
         self.travelled = self.travelled.max(raster.column_difference(self.axis, self.born_at).abs());
     }
 
+    /// Whether it has been seen to move by its own breadth: what has not may be the trace of somebody who left.
+    pub(super) fn has_come(&self) -> bool {
+        self.travelled > self.shape.w.min(40.0)
+    }
+
     pub(super) fn patch(&self) -> Patch {
         Patch { arc: self.arc, rows: self.rows }
     }

@@ -68,6 +68,16 @@ impl View {
         }
     }
 
+    /// The first row below the horizon if everybody who stands on the floor reaches above it: for a panorama of a camera below
+    /// people's hips. For [`crate::motion::MotionSettings::upright_row`].
+    pub fn upright_row(&self) -> Option<usize> {
+        const HIPS_M: f64 = 0.85;
+        let Picture::Panorama(g) = &self.picture else { return None };
+        let row = g.row_of_elevation(0.0).ceil();
+        let inside = row > 0.0 && row < f64::from(g.height());
+        self.height_m.filter(|(h, _)| *h < HIPS_M && inside).map(|_| row as usize)
+    }
+
     /// Whether this is a ring.
     pub fn is_panoramic(&self) -> bool {
         matches!(self.picture, Picture::Panorama(_))

@@ -1,0 +1,63 @@
+//! What stands and what lies: shadows on the floor are not part of bodies.
+//!
+//! A camera below people's hips sees everybody who stands on the floor reach above its horizon, at any distance; the floor
+//! never does. So the columns of the mask that reach above the horizon are bodies; marks in other columns, however they
+//! touch, are shadows or low things, and low things that are only evenly darker than the floor are shadows.
+
+use super::raster::Raster;
+use super::regions::Region;
+
+/// Pixels above the horizon that make a column a body's.
+const LEAST_ABOVE: u32 = 3;
+/// Columns beside a body's that still belong to it: feet.
+const MARGIN: usize = 2;
+
+/// Splits a mask into upright bodies and low things; `row` is the first row below the horizon.
+pub(super) fn split(mask: &[u8], row: usize, raster: &Raster, upright: &mut [u8], low: &mut [u8]) {
+    let Raster { width, height, wraps } = *raster;
+    let row = row.min(height);
+    let mut above = vec![0u32; width];
+    for line in mask[..row * width].chunks_exact(width) {
+        for (a, &m) in above.iter_mut().zip(line) {
+            *a += u32::from(m);
+        }
+    }
+    let mut body = vec![0u8; width];
+    for (x, _) in above.iter().enumerate().filter(|(_, a)| **a >= LEAST_ABOVE) {
+        for offset in 0..=2 * MARGIN {
+            let column = x + offset;
+            if wraps {
+                body[(column + width - MARGIN) % width] = 1;
+            } else if column >= MARGIN && column - MARGIN < width {
+                body[column - MARGIN] = 1;
+            }
+        }
+    }
+    upright.copy_from_slice(mask);
+    low.fill(0);
+    for y in row..height {
+        let line = y * width..(y + 1) * width;
+        let columns = mask[line.clone()].iter().zip(&body);
+        for ((u, l), (&m, &b)) in upright[line.clone()].iter_mut().zip(&mut low[line]).zip(columns) {
+            *u = m & b;
+            *l = m & !b & 1;
+        }
+    }
+}
+
+/// Whether a low region is only darker, by less than half, nearly everywhere.
+pub(super) fn is_shadow(region: &Region, picture: &[u8], background: &[u16], raster: &Raster) -> bool {
+    let mut darker = 0;
+    for (row, start, len) in region.spans() {
+        let range = row * raster.width + start..row * raster.width + start + len;
+        darker += picture[range.clone()]
+            .iter()
+            .zip(&background[range])
+            .filter(|(p, b)| {
+                let (p, b) = (u32::from(**p) << 8, u32::from(**b));
+                p < b && 2 * p > b
+            })
+            .count();
+    }
+    10 * darker > 8 * region.area
+}

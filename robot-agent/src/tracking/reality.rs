@@ -1,0 +1,253 @@
+//! Checks on recordings; they need folders that are named in the environment and are ignored otherwise.
+
+use std::path::Path;
+
+use protocol::angle::{difference, wrap};
+use protocol::message::{ObjectClass, TrackState};
+use protocol::time::Timestamp;
+
+use super::*;
+use crate::capture::{self, CaptureOptions};
+use crate::motion::{BackgroundState, MotionSettings, MotionStage};
+use crate::optics::MountedCamera;
+use crate::panorama::{Lut, PanoramaGeometry};
+
+/// A recording's panoramas and capture times; unwrapped once and kept beside the frames.
+fn panoramas(dir: &Path, lut: &Lut, pixels: usize) -> Vec<(f64, Vec<u8>)> {
+    let cache = dir.join("panoramas.raw");
+    let times: Vec<f64> = std::fs::read_to_string(dir.join("frames/frames.csv"))
+        .unwrap()
+        .lines()
+        .skip(1)
+        .map(|l| l.split(',').nth(1).unwrap().trim().parse::<f64>().unwrap() * 1e-9)
+        .collect();
+    if !cache.exists() {
+        let mut all = Vec::new();
+        let mut source = capture::open(dir, CaptureOptions::default()).unwrap();
+        while let Some(frame) = source.next_frame() {
+            let mut out = vec![0; pixels];
+            lut.unwarp(&frame.unwrap().gray, &mut out).unwrap();
+            all.extend(out);
+        }
+        std::fs::write(&cache, all).unwrap();
+    }
+    let all = std::fs::read(&cache).unwrap();
+    times.into_iter().zip(all.chunks_exact(pixels).map(<[u8]>::to_vec)).collect()
+}
+
+#[derive(Debug, Clone)]
+struct Person {
+    id: String,
+    x: f64,
+    y: f64,
+    height: f64,
+    visible: f64,
+}
+
+/// Pose of a robot and the people, interpolated.
+fn truth_at(truth: &[serde_json::Value], robot: &str, t: f64) -> (f64, f64, f64, Vec<Person>) {
+    let i = ((t / 0.05).floor().max(0.0) as usize).min(truth.len() - 2);
+    let part = (t - truth[i]["time_s"].as_f64().unwrap()) / 0.05;
+    let pick = |line: &serde_json::Value| {
+        let r = line["robots"].as_array().unwrap().iter().find(|r| r["id"] == robot).unwrap();
+        let v = |k: &str| r[k].as_f64().unwrap();
+        (v("x_m"), v("y_m"), v("heading_deg").to_radians())
+    };
+    let (a, b) = (pick(&truth[i]), pick(&truth[i + 1]));
+    let mix = |a: f64, b: f64| a + part * (b - a);
+    let people = truth[i]["people"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .zip(truth[i + 1]["people"].as_array().unwrap())
+        .map(|(p, q)| {
+            let v = |k: &str| mix(p[k].as_f64().unwrap(), q[k].as_f64().unwrap());
+            Person {
+                id: p["id"].as_str().unwrap().to_owned(),
+                x: v("x_m"),
+                y: v("y_m"),
+                height: v("height_m"),
+                visible: p["visible_fraction"][robot].as_f64().unwrap(),
+            }
+        })
+        .collect();
+    (mix(a.0, b.0), mix(a.1, b.1), wrap(a.2 + part * difference(b.2, a.2)), people)
+}
+
+#[test]
+#[ignore = "needs RECORDING: a folder written by `sim-harness record`"]
+fn recorded_robots_see_the_people() {
+    let dir = std::env::var("RECORDING").expect("RECORDING names a folder");
+    let dir = Path::new(&dir);
+    let dump = std::env::var("DUMP").ok();
+    let dumped: Vec<usize> =
+        std::env::var("FRAMES").unwrap_or_default().split(',').filter_map(|s| s.parse().ok()).collect();
+    let truth: Vec<serde_json::Value> = std::fs::read_to_string(dir.join("truth.jsonl"))
+        .unwrap()
+        .lines()
+        .map(|l| serde_json::from_str(l).unwrap())
+        .collect();
+    for robot in std::env::var("ROBOTS").unwrap_or("r1,r2,r3".into()).split(',') {
+        let camera = MountedCamera::load(&dir.join(robot).join("camera.toml")).unwrap();
+        let geometry = PanoramaGeometry::for_camera(&camera).unwrap();
+        let lut = Lut::panorama(&camera, &geometry);
+        let raster = Raster { width: geometry.width() as usize, height: geometry.height() as usize, wraps: true };
+        let valid: Vec<u8> = lut.valid().iter().map(|&v| u8::from(v)).collect();
+        let frames = panoramas(&dir.join(robot), &lut, raster.len());
+        let view = View::panorama(geometry, &camera);
+        let settings = MotionSettings { upright_row: view.upright_row(), ..MotionSettings::default() };
+        let mut motion = MotionStage::new(raster, Some(&valid), settings).unwrap();
+        let mut tracker = Tracker::new(raster, view, TrackerSettings::default());
+        let gallery = crate::picture::Gallery::new(raster);
+
+        let (mut wanted, mut covered, mut merged, mut falses, mut switches) = (0, 0, 0, 0, 0);
+        let mut errors: Vec<(f64, f64, f64)> = Vec::new(); // error, sigma, time
+        let mut group_errors: Vec<(f64, f64)> = Vec::new();
+        let mut ranges: Vec<(f64, f64, f64)> = Vec::new();
+        let mut widths: Vec<(f64, f64)> = Vec::new();
+        let mut names: std::collections::BTreeMap<String, TrackId> = Default::default();
+        let mut spent = [0.0f64; 4];
+        let mut motions = String::new();
+        let mut missed_by: std::collections::BTreeMap<String, u32> = Default::default();
+        for (i, (stamp, picture)) in frames.iter().enumerate() {
+            let capture = Timestamp::from_secs_f64(*stamp);
+            let clock = std::time::Instant::now();
+            let mut laps = Vec::new();
+            let change = motion.change(picture, capture).unwrap();
+            laps.push(clock.elapsed().as_secs_f64());
+            motion.extract();
+            laps.push(clock.elapsed().as_secs_f64());
+            if change.background == BackgroundState::Ready {
+                tracker.step(&motion.scene(), capture, &[]);
+                laps.push(clock.elapsed().as_secs_f64());
+                motion.learn(tracker.holds());
+            } else {
+                tracker.suspend(capture);
+                laps.push(clock.elapsed().as_secs_f64());
+            }
+            laps.push(clock.elapsed().as_secs_f64());
+            for k in 0..4 {
+                spent[k] += laps[k] - if k > 0 { laps[k - 1] } else { 0.0 };
+            }
+            motions.push(match change.motion {
+                protocol::message::Motion::Standing => '.',
+                protocol::message::Motion::Moving => 'M',
+                protocol::message::Motion::Turning => 'T',
+                _ => '?',
+            });
+            if let Some(alarm) = &change.alarm {
+                eprintln!("{robot} frame {i}: {alarm:?}");
+            }
+            let tracks = tracker.tracks();
+            let t = stamp - 1.0;
+            let (rx, ry, rh, people) = truth_at(&truth, robot, t);
+            let bearing = |p: &Person| wrap((p.y - ry).atan2(p.x - rx) - rh);
+            if let Some(dump) = dump.as_ref().filter(|_| dumped.contains(&i)) {
+                let mut annotated = gallery.panorama(picture, &tracks, tracker.view());
+                let mask: Vec<u8> = motion.scene().mask.iter().map(|m| m * 255).collect();
+                let mask = image::GrayImage::from_raw(raster.width as u32, raster.height as u32, mask).unwrap();
+                let ground = image::GrayImage::from_raw(raster.width as u32, raster.height as u32, motion.background());
+                let (w, h) = (annotated.width(), annotated.height());
+                for p in &people {
+                    let x = (geometry.column_of_bearing(bearing(p)) * f64::from(w) / raster.width as f64) as u32;
+                    for y in h - 30..h {
+                        for dx in 0..3 {
+                            annotated.put_pixel((x + dx).min(w - 1), y, image::Rgb([255, 0, 0]));
+                        }
+                    }
+                }
+                let mut all = image::RgbImage::new(w, h + 2 * 162 + 4);
+                image::imageops::replace(&mut all, &annotated, 0, 0);
+                let mask = image::DynamicImage::from(mask).into_rgb8();
+                image::imageops::replace(&mut all, &mask, 0, i64::from(h));
+                let ground = image::DynamicImage::from(ground.unwrap()).into_rgb8();
+                image::imageops::replace(&mut all, &ground, 1080, i64::from(h));
+                all.save(format!("{dump}/{robot}-{i:04}.png")).unwrap();
+            }
+            if t < 5.0 || change.background != BackgroundState::Ready {
+                continue;
+            }
+            // Optimal matching within three degrees.
+            let costs: Vec<Vec<f64>> = people
+                .iter()
+                .map(|p| {
+                    let half = (0.3 / (p.x - rx).hypot(p.y - ry)).atan().to_degrees();
+                    tracks
+                        .iter()
+                        .map(|t| difference(t.bearing_rad, bearing(p)).to_degrees().abs() / half.max(2.0))
+                        .collect()
+                })
+                .collect();
+            let matched = assign(&costs, 1.0);
+            for ((p, found), _) in people.iter().zip(&matched).zip(0..) {
+                if p.visible < 0.5 {
+                    continue;
+                }
+                wanted += 1;
+                let Some(found) = *found else {
+                    *missed_by.entry(p.id.clone()).or_default() += 1;
+                    continue;
+                };
+                covered += 1;
+                let track = &tracks[found];
+                if names.insert(p.id.clone(), track.id).is_some_and(|old| old != track.id) {
+                    switches += 1;
+                }
+                let error = difference(track.bearing_rad, bearing(p));
+                let distance = (p.x - rx).hypot(p.y - ry);
+                if track.state == TrackState::Visible {
+                    errors.push((error, track.bearing_sigma_rad, t));
+                    widths.push((error * distance, distance));
+                    if let Some(r) = track.extent.range {
+                        ranges.push((r.range_m - distance, r.sigma_m, distance));
+                    }
+                    let _ = p.height;
+                } else {
+                    merged += 1;
+                    group_errors.push((error, track.bearing_sigma_rad));
+                }
+            }
+            let used: Vec<usize> = matched.iter().flatten().copied().collect();
+            falses += (0..tracks.len())
+                .filter(|k| !used.contains(k) && tracks[*k].class == ObjectClass::Person)
+                .filter(|k| tracks[*k].state == TrackState::Visible)
+                .count();
+        }
+        let rms = |v: &[f64]| (v.iter().map(|e| e * e).sum::<f64>() / v.len().max(1) as f64).sqrt();
+        let nees = |v: &[(f64, f64)]| v.iter().map(|(e, s)| e * e / s / s).sum::<f64>() / v.len().max(1) as f64;
+        let alone: Vec<(f64, f64)> = errors.iter().map(|(e, s, _)| (*e, *s)).collect();
+        let mean = alone.iter().map(|(e, _)| e).sum::<f64>() / alone.len().max(1) as f64;
+        eprintln!("{robot} {motions}");
+        eprintln!(
+            "{robot}: coverage {:.3} ({covered}/{wanted}, {merged} not alone), false {falses}, switches {switches}, missed {missed_by:?}",
+            f64::from(covered) / f64::from(wanted)
+        );
+        let mut sorted: Vec<f64> = alone.iter().map(|(e, _)| e.abs().to_degrees()).collect();
+        sorted.sort_by(f64::total_cmp);
+        let q = |p: f64| sorted.get((p * sorted.len() as f64) as usize).copied().unwrap_or(f64::NAN);
+        eprintln!(
+            "{robot}: bearing rms {:.2}° mean {:.2}° median {:.2}° 90% {:.2}° 99% {:.2}°, NEES {:.2}, lateral rms {:.3} m; merged rms {:.2}° NEES {:.2}",
+            rms(&alone.iter().map(|e| e.0).collect::<Vec<_>>()).to_degrees(),
+            mean.to_degrees(),
+            q(0.5),
+            q(0.9),
+            q(0.99),
+            nees(&alone),
+            rms(&widths.iter().map(|e| e.0).collect::<Vec<_>>()),
+            rms(&group_errors.iter().map(|e| e.0).collect::<Vec<_>>()).to_degrees(),
+            nees(&group_errors),
+        );
+        let range_pairs: Vec<(f64, f64)> = ranges.iter().map(|(e, s, _)| (*e, *s)).collect();
+        let range_mean = range_pairs.iter().map(|e| e.0).sum::<f64>() / range_pairs.len().max(1) as f64;
+        eprintln!(
+            "{robot}: {} ranges, rms {:.2} m mean {range_mean:.2} m NEES {:.2}; ms a frame: change {:.2} extract {:.2} track {:.2} learn {:.2}",
+            ranges.len(),
+            rms(&range_pairs.iter().map(|e| e.0).collect::<Vec<_>>()),
+            nees(&range_pairs),
+            spent[0] * 1e3 / frames.len() as f64,
+            spent[1] * 1e3 / frames.len() as f64,
+            spent[2] * 1e3 / frames.len() as f64,
+            spent[3] * 1e3 / frames.len() as f64,
+        );
+    }
+}
