@@ -241,6 +241,42 @@ async fn an_agent_whose_leader_comes_later_waits_and_goes_on() {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_leader_that_comes_back_learns_all_that_it_missed_without_anybody_repeating_it() {
+    let first = Transport::open(Options::router(["tcp/127.0.0.1:0"])).await.unwrap();
+    let endpoint = first.locators().await.remove(0);
+    let agent = Transport::open(Options::client([endpoint.clone()])).await.unwrap();
+    let announcements = agent.publish::<Announcement>(robot_key("r1", RobotTopic::Announcement)).await.unwrap();
+    let alarms = agent.publish::<Alarm>(robot_key("r1", RobotTopic::Alarm)).await.unwrap();
+    let alive = robot_key("r1", RobotTopic::Alive);
+    let _token = agent.declare_alive(alive).await.unwrap();
+    let mut commands = agent.answer::<Command>(robot_key("r1", RobotTopic::Command)).await.unwrap();
+    announcements.put(&samples::announcement()).unwrap();
+    alarms.put(&Alarm { number: 0, ..samples::alarm() }).unwrap();
+    first.close().await.unwrap();
+    until(async || !agent.is_connected().await).await;
+    alarms.put(&Alarm { number: 1, ..samples::alarm() }).unwrap();
+
+    let second = Transport::open(Options::router([endpoint])).await.unwrap();
+    let mut seen =
+        second.subscribe::<Announcement>(Pattern::EveryRobot(team(), RobotTopic::Announcement)).await.unwrap();
+    let mut heard = second.subscribe::<Alarm>(Pattern::EveryRobot(team(), RobotTopic::Alarm)).await.unwrap();
+    let mut robots = second.watch(Pattern::EveryRobot(team(), RobotTopic::Alive)).await.unwrap();
+    assert_eq!(soon(seen.recv()).await.unwrap().message, samples::announcement());
+    for number in 0..2 {
+        assert_eq!(soon(heard.recv()).await.unwrap().message.number, number);
+    }
+    assert_eq!(soon(robots.recv()).await, Some(Sign { key: alive, alive: true }));
+    tokio::spawn(async move {
+        while let Some(asked) = commands.recv().await {
+            asked.reply(&CommandReply::Done).unwrap();
+        }
+    });
+    let answered = soon(reached(&second, robot_key("r1", RobotTopic::Command), &Command::Pause)).await.unwrap();
+    assert_eq!(answered.answer, CommandReply::Done);
+    close([agent, second]).await;
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn nobody_there_and_a_taken_port_are_said_in_words() {
     let port = std::net::TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
     let mut options = Options::client([format!("tcp/127.0.0.1:{port}")]);
