@@ -86,6 +86,18 @@ impl Walks {
     }
 }
 
+impl Walks {
+    /// Whether person `n` stands still for `span_s` on end within the first `duration_s`.
+    pub(super) fn stops_for(&self, n: usize, span_s: f64, duration_s: f64) -> bool {
+        const LOOK_S: f64 = 0.25;
+        let mut still_s = 0.0;
+        (0..(duration_s / LOOK_S) as usize).any(|i| {
+            still_s = if self.speed(n, i as f64 * LOOK_S) < 0.1 { still_s + LOOK_S } else { 0.0 };
+            still_s >= span_s
+        })
+    }
+}
+
 /// Works out everybody's walk.
 pub(super) fn walk(
     spec: &PeopleSpec,
@@ -156,7 +168,7 @@ impl<'a> Crowd<'a> {
                 since_s: -WARM_UP_S,
                 arrived_s: None,
                 field: grid.field(position),
-                stop_due_s: 4.0 + share * (duration_s - 18.0).max(2.0),
+                stop_due_s: 3.0 + share * (duration_s - spec.stop_s - 14.0).max(2.0),
                 meetings: Vec::new(),
                 crossings,
                 next_goal: Vec::new(),
