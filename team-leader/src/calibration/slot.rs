@@ -28,6 +28,8 @@ pub struct Sighted {
     pub bearing_var: f64,
     /// Width, and its variance, rad and rad².
     pub width_rad: Option<(f64, f64)>,
+    /// Variances that a single frame states for bearing and width: what does not average out is a part of them.
+    pub frame_var: (f64, f64),
     /// Who it is, where the marker says so.
     pub robot: Option<usize>,
 }
@@ -151,10 +153,12 @@ impl Slot {
 
     fn mean_of(&self, bearing: &Sums, width: &Sums) -> SlotMean {
         let (offset_rad, bearing_var) = bearing.mean().unwrap_or((0.0, 1.0));
+        let single = |sums: &Sums| if sums.n == 0 { 0.0 } else { f64::from(sums.n) / sums.w };
         Sighted {
             bearing_rad: wrap(self.reference_rad + offset_rad),
             bearing_var,
             width_rad: width.mean(),
+            frame_var: (single(bearing), single(width)),
             robot: self.told,
         }
     }
@@ -176,7 +180,7 @@ mod tests {
     }
 
     fn sighted(bearing_rad: f64) -> Sighted {
-        Sighted { bearing_rad, bearing_var: 1e-6, width_rad: Some((0.2, 4e-6)), robot: None }
+        Sighted { bearing_rad, bearing_var: 1e-6, width_rad: Some((0.2, 4e-6)), frame_var: (1e-6, 4e-6), robot: None }
     }
 
     #[test]

@@ -71,7 +71,10 @@ impl Default for ClockConfig {
 /// Noise and patience of the mutual calibration.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct CalibrationConfig {
-    /// Error of a sighting's bearing that does not average out while both robots stand, radians (optics, edges, marker).
+    /// Part of a single sighting's standard deviation that does not average out while both robots stand (optics, edges,
+    /// marker).
+    pub floor_fraction: f64,
+    /// Least of what does not average out: of a bearing, radians.
     pub bearing_floor_rad: f64,
     /// The same of the apparent angular width (which carries the range), radians.
     pub width_floor_rad: f64,
@@ -88,9 +91,10 @@ pub struct CalibrationConfig {
 impl Default for CalibrationConfig {
     fn default() -> Self {
         Self {
-            bearing_floor_rad: 6e-4,
-            width_floor_rad: 7e-4,
-            common_width_rad: 5e-4,
+            floor_fraction: 0.4,
+            bearing_floor_rad: 5e-5,
+            width_floor_rad: 1e-4,
+            common_width_rad: 1e-4,
             speed_mps: 0.5,
             turn_radps: 0.5,
             naming_margin: 14.0,

@@ -160,7 +160,8 @@ impl Leader {
             (width, (slope * sigma).powi(2))
         });
         let sigma = sighting.bearing_sigma.value();
-        Some(Sighted { bearing_rad: sighting.bearing.rad(), bearing_var: sigma * sigma, width_rad, robot })
+        let frame_var = (sigma * sigma, width_rad.map_or(0.0, |(_, var)| var));
+        Some(Sighted { bearing_rad: sighting.bearing.rad(), bearing_var: sigma * sigma, width_rad, frame_var, robot })
     }
 
     /// Range from the two edges of a round body, where all robots that it may be are equally thick.

@@ -167,6 +167,7 @@ fn new_leader(problem: &Problem, ids: &[RobotId], anchored: bool, at: Timestamp)
     let mut config = LeaderCoreConfig::new(name);
     config.clock.trusted = true;
     // The sigmas of a file are taken at their word.
+    config.calibration.floor_fraction = 0.0;
     config.calibration.bearing_floor_rad = 1e-5;
     config.calibration.width_floor_rad = 1e-5;
     config.calibration.common_width_rad = 1e-6;

@@ -78,8 +78,13 @@ pub fn name_sightings(problem: &mut Problem) -> MapStatus {
             let (width, slope) = kernel::width(range);
             (width, (slope * sigma).powi(2))
         });
-        let sighted =
-            Sighted { bearing_rad: axis.bearing.0, bearing_var: axis.bearing.1.powi(2), width_rad, robot: s.peer };
+        let sighted = Sighted {
+            bearing_rad: axis.bearing.0,
+            bearing_var: axis.bearing.1.powi(2),
+            width_rad,
+            frame_var: (0.0, 0.0),
+            robot: s.peer,
+        };
         let mine = &mut slots[s.observer];
         match mine.iter_mut().find(|(slot, _)| slot.distance2(&sighted, 0.0).is_some()) {
             Some((slot, members)) => {

@@ -172,10 +172,12 @@ impl Calibrator {
 
     /// A slot's mean (or a sighting) with the errors that do not average out.
     pub(super) fn with_floors(&self, mean: &Sighted) -> Sighted {
-        let width_var = self.config.width_floor_rad.powi(2);
+        let part = self.config.floor_fraction.powi(2);
+        let bearing_floor = self.config.bearing_floor_rad.powi(2).max(part * mean.frame_var.0);
+        let width_floor = self.config.width_floor_rad.powi(2).max(part * mean.frame_var.1);
         Sighted {
-            bearing_var: mean.bearing_var + self.config.bearing_floor_rad.powi(2),
-            width_rad: mean.width_rad.map(|(w, var)| (w, var + width_var)),
+            bearing_var: mean.bearing_var + bearing_floor,
+            width_rad: mean.width_rad.map(|(w, var)| (w, var + width_floor)),
             ..*mean
         }
     }
@@ -201,7 +203,13 @@ impl Calibrator {
                 + 2.0 * f * cov(observer, peer) * t.transpose())[0]
         };
         let width_rad = Some((width + self.block.common_width_rad(), slope * slope * var(d_from, d_to)));
-        Some(Sighted { bearing_rad: bearing, bearing_var: var(b_from, b_to), width_rad, robot: None })
+        Some(Sighted {
+            bearing_rad: bearing,
+            bearing_var: var(b_from, b_to),
+            width_rad,
+            frame_var: (0.0, 0.0),
+            robot: None,
+        })
     }
 }
 

@@ -22,6 +22,7 @@ fn views(truth: &[Pose2], rng: &mut ChaCha8Rng) -> Vec<View> {
                 bearing_rad: wrap(dy.atan2(dx) - a.heading_rad + noise.sample(rng)),
                 bearing_var: SIGMA * SIGMA,
                 width_rad: Some((2.0 * (0.2 / dx.hypot(dy)).asin() + noise.sample(rng), SIGMA * SIGMA)),
+                frame_var: (0.0, 0.0),
                 robot: None,
             });
         }
@@ -89,7 +90,13 @@ fn false_sightings_get_no_name() {
     let mut views = views(&truth, &mut rng);
     for (view, bearing_rad) in views.iter_mut().zip([2.5, -0.4, 1.9]) {
         let width_rad = Some((2.0 * (0.2f64 / 2.2).asin(), SIGMA * SIGMA));
-        view.slots.push(SlotMean { bearing_rad, bearing_var: SIGMA * SIGMA, width_rad, robot: None });
+        view.slots.push(SlotMean {
+            bearing_rad,
+            bearing_var: SIGMA * SIGMA,
+            width_rad,
+            frame_var: (0.0, 0.0),
+            robot: None,
+        });
     }
     let naming = name(&views, 5e-4, 14.0);
     assert_true(&naming, &truth);
