@@ -1,26 +1,17 @@
 //! Bytes: what each robot sends by message kind, as payload (our envelopes) and on the wire, beside what its pictures would
 //! cost as raw and as JPEG video.
 //!
-//! In a simulated run nothing is on a wire; its bytes are computed by [`wire_bytes`] from what was measured of Zenoh over TCP.
+//! In a simulated run nothing is on a wire; its bytes are computed by [`modelled_wire_bytes`]: Zenoh's frame as measured, and
+//! the TCP/IP headers of the segments.
 
 use std::collections::BTreeMap;
 
+use protocol::codec::Kind;
+use protocol::meter::modelled_wire_bytes;
 use serde::Serialize;
 
-/// Zenoh's header of a message that goes alone in its own frame with a declared key, bytes (measured: 9 to 11).
-pub const ZENOH_HEADER_BYTES: usize = 11;
-/// Ethernet, IPv4 and TCP with timestamps of a segment and of its share of acknowledgements, bytes (measured on loopback: 80).
-pub const TCP_BYTES: usize = 80;
-/// Most bytes of one TCP segment.
-pub const SEGMENT_BYTES: usize = 1448;
 /// Quality of the JPEG pictures that video is compared with.
 pub const JPEG_QUALITY: u8 = 75;
-
-/// Modelled bytes on the wire of one message.
-pub fn wire_bytes(payload_bytes: usize) -> usize {
-    let zenoh = payload_bytes + ZENOH_HEADER_BYTES;
-    zenoh + zenoh.div_ceil(SEGMENT_BYTES) * TCP_BYTES
-}
 
 /// One robot's (or the leader's) traffic of one kind.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -46,6 +37,17 @@ pub struct VideoRate {
     pub jpeg_bytes_per_s: f64,
 }
 
+impl VideoRate {
+    /// `frames` pictures in a run; `jpeg`: bytes and number of those that were encoded.
+    pub fn of(frames: usize, [width, height]: [u32; 2], jpeg: (u64, u64), duration_s: f64) -> Self {
+        let per_s = |bytes_a_frame: f64| bytes_a_frame * frames as f64 / duration_s.max(1e-9);
+        Self {
+            raw_bytes_per_s: per_s(f64::from(width) * f64::from(height)),
+            jpeg_bytes_per_s: per_s(jpeg.0 as f64 / jpeg.1.max(1) as f64),
+        }
+    }
+}
+
 /// Counts messages by sender and kind.
 #[derive(Debug, Clone, Default)]
 pub struct Traffic {
@@ -61,8 +63,8 @@ struct Count {
 
 impl Traffic {
     /// A message was sent.
-    pub fn add(&mut self, sender: &str, kind: &str, payload_bytes: usize) {
-        self.add_many(sender, kind, 1, payload_bytes as u64, wire_bytes(payload_bytes) as u64);
+    pub fn add(&mut self, sender: &str, kind: Kind, payload_bytes: usize) {
+        self.add_many(sender, kind.name(), 1, payload_bytes as u64, modelled_wire_bytes(kind, payload_bytes));
     }
 
     /// Messages counted elsewhere.
@@ -94,17 +96,10 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_message_alone_pays_zenohs_header_and_one_segment() {
-        assert_eq!(wire_bytes(32), 32 + 11 + 80);
-        assert_eq!(wire_bytes(1448 - 11), 1448 + 80);
-        assert_eq!(wire_bytes(1448 - 10), 1449 + 160);
-    }
-
-    #[test]
     fn rates_are_bytes_over_the_length_of_the_run() {
         let mut traffic = Traffic::default();
-        traffic.add("r1", "observation", 100);
-        traffic.add("r1", "observation", 300);
+        traffic.add("r1", Kind::Observation, 100);
+        traffic.add("r1", Kind::Observation, 300);
         let rates = traffic.rates(2.0);
         assert_eq!((rates.len(), rates[0].messages), (1, 2));
         assert!((rates[0].payload_bytes_per_s - 200.0).abs() < 1e-9);

@@ -3,23 +3,44 @@
 use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
-use sim_harness::cli::record;
+use sim_harness::cli::{bandwidth, demo, record, run};
 
 #[derive(Debug, Parser)]
-#[command(name = "sim-harness", about = "Whole robot teams in one process, against truth", version)]
+#[command(
+    name = "sim-harness",
+    about = "Whole robot teams in one process, against truth. Without a command: demo",
+    version
+)]
 struct Cli {
     #[command(subcommand)]
-    command: Command,
+    command: Option<Command>,
 }
 
 #[derive(Debug, Subcommand)]
 enum Command {
+    /// The first 20 s of the default scenario over Zenoh: scores, traffic, pictures
+    Demo(demo::DemoArgs),
+    /// Any scenario: scores against truth, traffic
+    Run(run::RunArgs),
     /// Images and truth of a scenario, as files
     Record(record::RecordArgs),
+    /// Bytes by message kind and robot: payload, on the wire, against raw and JPEG video
+    Bandwidth(bandwidth::BandwidthArgs),
 }
 
 fn main() -> ExitCode {
-    match Cli::parse().command {
-        Command::Record(args) => ExitCode::from(record::run(&args)),
-    }
+    tracing_subscriber::fmt()
+        .with_env_filter(
+            tracing_subscriber::EnvFilter::try_from_default_env()
+                .unwrap_or_else(|_| tracing_subscriber::EnvFilter::new("warn,zenoh=error")),
+        )
+        .with_writer(std::io::stderr)
+        .init();
+    ExitCode::from(match Cli::parse().command {
+        None => demo::run(&demo::DemoArgs::default()),
+        Some(Command::Demo(args)) => demo::run(&args),
+        Some(Command::Run(args)) => run::run(&args),
+        Some(Command::Record(args)) => record::run(&args),
+        Some(Command::Bandwidth(args)) => bandwidth::run(&args),
+    })
 }

@@ -1,1 +1,117 @@
-//! Being written.
+//! Agents and a leader in one process, before a simulated world.
+//!
+//! ```text
+//!  World ─▶ Renderer ─▶ picture ─▶ Agent ─▶ envelope ═ network ═▶ envelope ─▶ Leader ─▶ map
+//!    │                                                                                   │
+//!    └────────────────────────── truth ─────────────────────────────────▶ Scorer ◀───────┘
+//! ```
+//! Nothing of the world reaches an agent but its pictures with their capture times, its `camera.toml` and the marker it
+//! wears; nothing reaches the leader but what agents publish. Two shells run the same agents and leader: [`simulated`] in
+//! virtual time, where a seed fixes every byte, and [`live`] over Zenoh sessions on loopback in real time.
+
+pub mod diagnosis;
+pub mod frames;
+pub mod live;
+pub mod outcome;
+pub mod output;
+pub mod simulated;
+pub mod truth;
+
+use std::path::Path;
+
+use protocol::id::{LeaderId, NameError, RobotId, TeamId};
+use robot_agent::agent::{AgentError, PictureKind};
+use robot_agent::optics::{CameraFile, MountedCamera};
+
+use crate::network::NetworkSettings;
+use crate::scenario::{Scenario, ScenarioError};
+use crate::world::{World, WorldError};
+
+pub use outcome::Outcome;
+
+/// Why a team cannot run.
+#[derive(Debug, thiserror::Error)]
+pub enum TeamError {
+    /// The scenario's file.
+    #[error(transparent)]
+    Scenario(#[from] ScenarioError),
+    /// Nothing fits the room.
+    #[error(transparent)]
+    World(#[from] WorldError),
+    /// The scenario's camera.
+    #[error("the scenario's camera cannot be used: {0}")]
+    Camera(String),
+    /// A name.
+    #[error(transparent)]
+    Name(#[from] NameError),
+    /// An agent refuses its settings.
+    #[error(transparent)]
+    Agent(#[from] AgentError),
+    /// An option of the command line.
+    #[error("{0}")]
+    Usage(String),
+    /// A message of our own could not be encoded.
+    #[error("a message of {sender} cannot be encoded: {reason}")]
+    Encode {
+        /// Whose.
+        sender: String,
+        /// Why.
+        reason: String,
+    },
+    /// A service over Zenoh failed.
+    #[error("{0}")]
+    Service(String),
+    /// Results cannot be written.
+    #[error("{path}: {source}", path = path.display())]
+    Output {
+        /// Where.
+        path: std::path::PathBuf,
+        /// Why.
+        source: std::io::Error,
+    },
+}
+
+/// How a team runs, beside its scenario and seed.
+#[derive(Debug, Clone, Default)]
+pub struct TeamSettings {
+    /// Ends before the scenario does, seconds.
+    pub duration_s: Option<f64>,
+    /// Other names for the robots, in the order of the world.
+    pub names: Option<Vec<RobotId>>,
+    /// Links of a simulated network.
+    pub network: NetworkSettings,
+}
+
+impl TeamSettings {
+    fn duration_s(&self, world: &World) -> f64 {
+        self.duration_s.unwrap_or(f64::INFINITY).min(world.duration_s())
+    }
+
+    fn names(&self, world: &World) -> Vec<RobotId> {
+        let own = world.robots().iter().map(|r| r.id);
+        match &self.names {
+            Some(names) => names.iter().copied().chain(own.skip(names.len())).take(world.robots().len()).collect(),
+            None => own.collect(),
+        }
+    }
+}
+
+/// What is asked of every agent at the end.
+const PICTURES: [PictureKind; 3] = [PictureKind::Panorama, PictureKind::Objects, PictureKind::Tracks];
+
+/// Name of the team in the process.
+fn team_id() -> Result<TeamId, NameError> {
+    TeamId::new("sim")
+}
+
+/// Name of its leader.
+fn leader_id() -> Result<LeaderId, NameError> {
+    LeaderId::new("leader")
+}
+
+/// The camera as the agents read it, from the text of `camera.toml`.
+fn camera(scenario: &Scenario) -> Result<MountedCamera, TeamError> {
+    CameraFile::parse(&scenario.camera_toml(), Path::new("camera.toml"))
+        .and_then(|file| file.mount())
+        .map_err(|e| TeamError::Camera(e.to_string()))
+}

@@ -16,8 +16,8 @@ pub struct Run {
     pub seed: u64,
     /// How long it ran.
     pub duration_s: f64,
-    /// From the arrival of an observation to the map that holds it, milliseconds.
-    pub latency_ms: Vec<f64>,
+    /// From the arrival of an observation to the map that holds it.
+    pub latency_ms: Latency,
     /// Whether latency is virtual time and wire bytes are computed.
     pub modelled: bool,
     /// Traffic by robot and kind.
@@ -115,6 +115,13 @@ pub struct Latency {
     pub p99: Option<f64>,
 }
 
+impl Latency {
+    /// Of all latencies of a run.
+    pub fn of(latencies_ms: &[f64]) -> Self {
+        Self { p50: percentile(latencies_ms, 0.5), p99: percentile(latencies_ms, 0.99) }
+    }
+}
+
 impl Scores {
     /// The figures of all maps that a scorer took in.
     pub fn new(scorer: &Scorer, run: Run) -> Self {
@@ -149,7 +156,7 @@ impl Scores {
                 rms_within_5m_m: sums.near_targets.value(),
                 nees_sum: sums.target_nees,
             },
-            latency_ms: Latency { p50: percentile(&run.latency_ms, 0.5), p99: percentile(&run.latency_ms, 0.99) },
+            latency_ms: run.latency_ms,
             bandwidth: run.bandwidth,
             video: run.video,
             modelled: run.modelled,

@@ -1,0 +1,205 @@
+//! `sim-harness run`: a scenario with agents and a leader, against truth.
+
+use std::path::{Path, PathBuf};
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+use clap::{Args, ValueEnum};
+use indicatif::{ProgressBar, ProgressStyle};
+
+use super::record::Format;
+use super::{seeds, table};
+use crate::scenario::Scenario;
+use crate::score::{Scores, Summary};
+use crate::team::diagnosis::{diagnose, summary as diagnosis_summary};
+use crate::team::outcome::Scored;
+use crate::team::{Outcome, TeamError, TeamSettings, live, output, simulated};
+
+/// Arguments of `run`.
+#[derive(Debug, Clone, Args)]
+pub struct RunArgs {
+    /// A scenario file, or the name of a scenario inside the program: default, tiny, moving_start
+    pub scenario: PathBuf,
+    /// How messages travel
+    #[arg(long, value_enum, default_value_t = Transport::Zenoh)]
+    pub transport: Transport,
+    /// Another seed than the scenario's
+    #[arg(long)]
+    pub seed: Option<u64>,
+    /// Several seeds, both ends included, e.g. 0..9, or a list, e.g. 1,3,7: mean and worst of each figure
+    #[arg(long, value_name = "A..B", conflicts_with = "seed", value_parser = seeds::parse)]
+    pub seeds: Option<seeds::Seeds>,
+    /// Writes map.jsonl, truth.jsonl, scores.json, errors.jsonl, observations.jsonl and pictures there; with several seeds a
+    /// folder each
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+    /// Only the first seconds of the scenario
+    #[arg(long, value_name = "SECONDS")]
+    pub duration: Option<f64>,
+    /// Also says what each agent measured wrong, apart from the leader
+    #[arg(long)]
+    pub diagnose: bool,
+    /// How to report
+    #[arg(long, value_enum, default_value_t = Format::Text)]
+    pub format: Format,
+}
+
+/// How messages travel.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum Transport {
+    /// Zenoh sessions on loopback, in real time
+    Zenoh,
+    /// A simulated network in virtual time: same seed, same bytes
+    Simulated,
+}
+
+/// Does it; gives the exit code.
+#[allow(clippy::print_stderr)]
+pub fn run(args: &RunArgs) -> u8 {
+    match try_run(args) {
+        Ok(text) => {
+            println!("{}", text.trim_end());
+            0
+        }
+        Err(error) => {
+            eprintln!("sim-harness run: {error}");
+            exit_code(&error)
+        }
+    }
+}
+
+/// 2 for what the user gave, 1 for what failed.
+pub(super) fn exit_code(error: &TeamError) -> u8 {
+    match error {
+        TeamError::Scenario(_) | TeamError::World(_) | TeamError::Camera(_) | TeamError::Usage(_) => 2,
+        _ => 1,
+    }
+}
+
+fn try_run(args: &RunArgs) -> Result<String, TeamError> {
+    let scenario = Scenario::load(&args.scenario)?;
+    let settings = TeamSettings { duration_s: checked_duration(args.duration)?, ..TeamSettings::default() };
+    let Some(seeds) = &args.seeds else {
+        let seed = args.seed.unwrap_or(scenario.seed);
+        let bar = progress(settings.duration_s.unwrap_or(f64::INFINITY).min(scenario.duration_s));
+        let outcome = one(&scenario, seed, args.transport, &settings, &|s| bar.set_position(s as u64))?;
+        bar.finish_and_clear();
+        let scored = outcome.score();
+        if let Some(folder) = &args.out {
+            output::write_all(&outcome, &scored, folder)?;
+        }
+        return report(args, &outcome, &scored);
+    };
+    let runs = many(&scenario, &seeds.0, args, &settings)?;
+    let summary = Summary::new(runs).ok_or_else(|| TeamError::Usage("--seeds names no seed".to_owned()))?;
+    if let Some(folder) = &args.out {
+        output::write_json(&summary, &folder.join("scores.json"))?;
+    }
+    match args.format {
+        Format::Json => json(&summary),
+        Format::Text => Ok(table::summary(&summary)),
+    }
+}
+
+pub(super) fn checked_duration(duration_s: Option<f64>) -> Result<Option<f64>, TeamError> {
+    match duration_s {
+        Some(wanted) if wanted.is_nan() || wanted <= 0.0 => {
+            Err(TeamError::Usage(format!("--duration {wanted}: more than 0 seconds")))
+        }
+        wanted => Ok(wanted),
+    }
+}
+
+pub(super) fn one(
+    scenario: &Scenario,
+    seed: u64,
+    transport: Transport,
+    settings: &TeamSettings,
+    progress: &(dyn Fn(f64) + Sync),
+) -> Result<Outcome, TeamError> {
+    match transport {
+        Transport::Simulated => simulated::run(scenario, seed, settings, progress),
+        Transport::Zenoh => live::run(scenario, seed, settings, progress),
+    }
+}
+
+/// Several seeds: in virtual time as many at once as there are processors, in real time one after the other.
+fn many(scenario: &Scenario, seeds: &[u64], args: &RunArgs, settings: &TeamSettings) -> Result<Vec<Scores>, TeamError> {
+    let at_once = match args.transport {
+        Transport::Zenoh => 1,
+        Transport::Simulated => std::thread::available_parallelism().map_or(1, usize::from).min(seeds.len()),
+    };
+    let length_s = settings.duration_s.unwrap_or(f64::INFINITY).min(scenario.duration_s);
+    let bar = progress(length_s * seeds.len() as f64);
+    let next = AtomicUsize::new(0);
+    let results: Vec<Mutex<Option<Result<Scores, TeamError>>>> = seeds.iter().map(|_| Mutex::new(None)).collect();
+    std::thread::scope(|scope| {
+        for _ in 0..at_once.max(1) {
+            scope.spawn(|| {
+                while let Some((slot, seed)) = take(&next, &results, seeds) {
+                    let told = Mutex::new(0.0);
+                    let tell = |now_s: f64| {
+                        if let Ok(mut told) = told.lock() {
+                            bar.inc((now_s - *told) as u64);
+                            *told += (now_s - *told).floor();
+                        }
+                    };
+                    let result = one(scenario, seed, args.transport, settings, &tell).and_then(|outcome| {
+                        let scored = outcome.score();
+                        if let Some(folder) = &args.out {
+                            output::write_all(&outcome, &scored, &folder.join(format!("seed-{seed}")))?;
+                        }
+                        Ok(scored.scores)
+                    });
+                    if let Ok(mut slot) = slot.lock() {
+                        *slot = Some(result);
+                    }
+                }
+            });
+        }
+    });
+    bar.finish_and_clear();
+    results.into_iter().filter_map(|slot| slot.into_inner().ok().flatten()).collect()
+}
+
+fn take<'a, T>(next: &AtomicUsize, slots: &'a [T], seeds: &[u64]) -> Option<(&'a T, u64)> {
+    let index = next.fetch_add(1, Ordering::Relaxed);
+    slots.get(index).zip(seeds.get(index).copied())
+}
+
+pub(super) fn report(args: &RunArgs, outcome: &Outcome, scored: &Scored) -> Result<String, TeamError> {
+    if args.format == Format::Json {
+        return json(&scored.scores);
+    }
+    let mut text = text(outcome, scored, args.out.as_deref());
+    if args.diagnose {
+        text.push('\n');
+        text.push_str(&diagnosis_summary(&diagnose(outcome)));
+    }
+    Ok(text)
+}
+
+/// The whole report of one run.
+pub(super) fn text(outcome: &Outcome, scored: &Scored, out: Option<&Path>) -> String {
+    let scores = &scored.scores;
+    let mut text = table::scores(scores);
+    text.push('\n');
+    text.push_str(&table::bandwidth(&scores.bandwidth, &scores.video, outcome.names.len(), scores.modelled));
+    text.push('\n');
+    text.push_str(&table::remarks(outcome));
+    if let Some(folder) = out {
+        text.push_str(&format!("files: {}\n", folder.display()));
+    }
+    text
+}
+
+pub(super) fn json<T: serde::Serialize>(value: &T) -> Result<String, TeamError> {
+    serde_json::to_string(value).map_err(|e| TeamError::Service(format!("the scores cannot be written: {e}")))
+}
+
+/// A bar over seconds of the scenario; invisible where standard error is no terminal.
+pub(super) fn progress(length_s: f64) -> ProgressBar {
+    let style = ProgressStyle::with_template("{bar:40} {pos}/{len} s of the scenario, {elapsed} elapsed");
+    let bar = ProgressBar::new(length_s.ceil() as u64);
+    if let Ok(style) = style { bar.with_style(style) } else { bar }
+}

@@ -1,0 +1,265 @@
+//! The team in real time: agents and leader as services with Zenoh sessions of their own on loopback.
+//!
+//! Each robot's pictures are rendered ahead and handed over when they would have left the camera; its clock is the host's
+//! plus the offset of the scenario. An observer with a session of its own hears maps and observations as anybody could.
+
+mod source;
+
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Duration;
+
+use protocol::codec::Kind;
+use protocol::host_clock::Clock;
+use protocol::id::{RobotId, TeamId};
+use protocol::key::{Key, Pattern, RobotTopic};
+use protocol::message::{Observation, TeamMap};
+use protocol::meter::{Direction, Row, modelled_wire_bytes};
+use protocol::time::Timestamp;
+use protocol::transport::{AskedPicture, Options, Received, Transport, WireBytes};
+use robot_agent::agent::{Agent, AgentSettings, PictureKind};
+use robot_agent::service as agent_service;
+use team_leader::leader::{Leader, LeaderCoreConfig};
+use team_leader::service as leader_service;
+use tokio::sync::watch;
+
+use self::source::{Seen, SimulatedCamera};
+use super::frames::Ahead;
+use super::{Outcome, TeamError, TeamSettings, camera, leader_id, team_id};
+use crate::bandwidth::{Traffic, VideoRate};
+use crate::render::Renderer;
+use crate::scenario::Scenario;
+use crate::score::scores::Latency;
+use crate::world::World;
+
+/// From the moment everything is set up to the scenario's start: sessions open and the first pictures are rendered.
+const LEAD: Duration = Duration::from_millis(1500);
+/// Maps and observations are heard for so long after the scenario's end.
+const TAIL: Duration = Duration::from_millis(300);
+/// Time that an agent has to answer with a picture.
+const PICTURE_LIMIT: Duration = Duration::from_secs(3);
+/// Between two words of progress.
+const TICK: Duration = Duration::from_millis(250);
+
+/// Runs a scenario with a seed. `progress` hears the scenario's time now and then, in seconds.
+pub fn run(
+    scenario: &Scenario,
+    seed: u64,
+    settings: &TeamSettings,
+    progress: &(dyn Fn(f64) + Sync),
+) -> Result<Outcome, TeamError> {
+    let world = Arc::new(World::new(scenario, seed)?);
+    let runtime = tokio::runtime::Builder::new_multi_thread()
+        .worker_threads(2)
+        .enable_all()
+        .build()
+        .map_err(|e| TeamError::Service(format!("no runtime: {e}")))?;
+    runtime.block_on(run_team(scenario, world, settings, progress))
+}
+
+async fn run_team(
+    scenario: &Scenario,
+    world: Arc<World>,
+    settings: &TeamSettings,
+    progress: &(dyn Fn(f64) + Sync),
+) -> Result<Outcome, TeamError> {
+    let duration_s = settings.duration_s(&world);
+    let (team, clock) = (team_id()?, Clock::system());
+    let leader = leader_service::Service::open(leader_service::Setup {
+        leader: Leader::new(LeaderCoreConfig::new(leader_id()?)),
+        id: leader_id()?,
+        team,
+        clock,
+        session: Options { measure: true, ..Options::router(["tcp/127.0.0.1:0"]) },
+        replay: None,
+        json: false,
+        nobody_after: leader_service::NOBODY_AFTER,
+    })
+    .await
+    .map_err(failed)?;
+    let locators = leader.locators().to_vec();
+    let (stop, stopped) = watch::channel(false);
+    let leader = tokio::spawn(leader.run(until(stopped.clone())));
+
+    let observer = Transport::open(Options::client(locators.clone())).await.map_err(failed)?;
+    let mut maps = observer.subscribe::<TeamMap>(Key::map(team)).await.map_err(failed)?;
+    let everybody = Pattern::EveryRobot(team, RobotTopic::Observation);
+    let mut observations = observer.subscribe::<Observation>(everybody).await.map_err(failed)?;
+
+    let zero = clock.now() + LEAD;
+    let robots = start_robots(scenario, &world, settings, zero, team, &locators, &stopped)?;
+    let mut heard = Heard::default();
+    let end = zero + Duration::from_secs_f64(duration_s) + TAIL;
+    let mut tick = tokio::time::interval(TICK);
+    while clock.now() < end {
+        tokio::select! {
+            Some(map) = maps.recv() => heard.maps.push(map),
+            Some(observation) = observations.recv() => heard.observations.push(observation),
+            _ = tick.tick() => progress(clock.now().seconds_since(zero).clamp(0.0, duration_s)),
+        }
+    }
+    let names: Vec<RobotId> = robots.iter().map(|r| r.name).collect();
+    let pictures = pictures(&observer, team, &names).await;
+
+    // Whoever has ended already needs no word.
+    let _ = stop.send(true);
+    let mut finished = Vec::new();
+    for robot in robots {
+        let summary = robot.task.await.map_err(failed)?.map_err(failed)?;
+        finished.push((robot.name, summary, robot.seen));
+    }
+    let leader = leader.await.map_err(failed)?.map_err(failed)?;
+    observer.close().await.map_err(failed)?;
+    Ok(outcome(scenario, world, duration_s, zero, heard, finished, &leader, pictures))
+}
+
+struct Robot {
+    name: RobotId,
+    task: tokio::task::JoinHandle<Result<agent_service::Summary, agent_service::ServiceError>>,
+    seen: Arc<Mutex<Seen>>,
+}
+
+fn start_robots(
+    scenario: &Scenario,
+    world: &Arc<World>,
+    settings: &TeamSettings,
+    zero: Timestamp,
+    team: TeamId,
+    locators: &[String],
+    stopped: &watch::Receiver<bool>,
+) -> Result<Vec<Robot>, TeamError> {
+    let duration_s = settings.duration_s(world);
+    let mounted = camera(scenario)?;
+    let names = settings.names(world);
+    let mut robots = Vec::new();
+    for ((index, robot), renderer) in world.robots().iter().enumerate().zip(Renderer::team(world)) {
+        let captures = robot.captures.iter().filter(|c| c.true_time_s <= duration_s).copied().collect();
+        let mut agent_settings = AgentSettings::new(names[index], scenario.marker());
+        agent_settings.frame_rate_hz = scenario.capture.rate_hz;
+        let clock = Clock::with_offset_ns((robot.clock_offset_s * 1e9).round() as i64);
+        let epoch = zero.0.wrapping_add(index as u64);
+        let agent = Agent::new(agent_settings, mounted.clone(), epoch)?;
+        let seen = Arc::new(Mutex::new(Seen::default()));
+        let camera = SimulatedCamera::new(Ahead::start(renderer, captures), zero, robot.clock_offset_s, seen.clone());
+        let setup = agent_service::Setup {
+            agent,
+            source: Box::new(camera),
+            clock,
+            team,
+            session: Options { measure: true, ..Options::client(locators.to_vec()) },
+            start: None,
+            stop_at_end: false,
+        };
+        let task = tokio::spawn(agent_service::run(setup, until(stopped.clone())));
+        robots.push(Robot { name: names[index], task, seen });
+    }
+    Ok(robots)
+}
+
+/// Ends when the flag is set, or when nobody can set it any more.
+async fn until(mut flag: watch::Receiver<bool>) {
+    let _ = flag.wait_for(|set| *set).await;
+}
+
+async fn pictures(observer: &Transport, team: TeamId, names: &[RobotId]) -> Vec<(PictureKind, RobotId, Vec<u8>)> {
+    let mut pictures = Vec::new();
+    for name in names {
+        for kind in super::PICTURES {
+            let key = Key::robot(team, *name, RobotTopic::Picture(kind));
+            match observer.ask(key, &AskedPicture(kind), PICTURE_LIMIT).await {
+                Ok(answered) => pictures.push((kind, *name, answered.answer.0)),
+                Err(error) => tracing::warn!("{key}: {error}"),
+            }
+        }
+    }
+    pictures
+}
+
+#[derive(Default)]
+struct Heard {
+    maps: Vec<Received<TeamMap>>,
+    observations: Vec<Received<Observation>>,
+}
+
+type Finished = (RobotId, agent_service::Summary, Arc<Mutex<Seen>>);
+
+#[expect(clippy::too_many_arguments, reason = "the ends of everything that ran come together here, once")]
+fn outcome(
+    scenario: &Scenario,
+    world: Arc<World>,
+    duration_s: f64,
+    zero: Timestamp,
+    heard: Heard,
+    finished: Vec<Finished>,
+    leader: &leader_service::Summary,
+    pictures: Vec<(PictureKind, RobotId, Vec<u8>)>,
+) -> Outcome {
+    let mut traffic = Traffic::default();
+    let mut notices: Vec<String> = leader.notices.iter().map(|n| format!("leader: {n}")).collect();
+    // The leader's session also forwards everything to the observer, so its own count says nothing of the map's cost.
+    add_traffic(&mut traffic, "leader", &leader.traffic, None);
+    let (mut glimpses, mut frames, mut late, mut jpeg, mut shown) = (Vec::new(), Vec::new(), 0, (0, 0), 0);
+    let mut names = Vec::new();
+    for (name, summary, seen) in finished {
+        add_traffic(&mut traffic, name.as_str(), &summary.traffic, summary.wire);
+        let seen = std::mem::take(&mut *seen.lock().unwrap_or_else(PoisonError::into_inner));
+        notices.extend(summary.notices.iter().map(|n| format!("{name}: {n}")));
+        if summary.frames_dropped > 0 {
+            notices.push(format!("{name}: {} pictures dropped because a newer one was there", summary.frames_dropped));
+        }
+        late += seen.late;
+        jpeg = (jpeg.0 + seen.jpeg.0, jpeg.1 + seen.jpeg.1);
+        shown += seen.glimpses.len();
+        glimpses.push(seen.glimpses);
+        frames.extend(seen.last.map(|frame| (name, frame)));
+        names.push(name);
+    }
+    if leader.dropped > 0 {
+        notices.push(format!("leader: {} messages dropped because it was too slow", leader.dropped));
+    }
+    let [width, height] = world.camera().image_size_px;
+    let from_capture: Vec<f64> = heard.maps.iter().map(|m| m.arrived.seconds_since(m.message.stamp) * 1e3).collect();
+    let [p50, p99, _] = leader.map_latency_ms.map(f64::from);
+    Outcome {
+        scenario: scenario.name.clone(),
+        duration_s,
+        zero,
+        maps: heard.maps.into_iter().map(|m| m.message).collect(),
+        observations: heard.observations.into_iter().filter_map(|o| Some((o.key.robot_id()?, o.message))).collect(),
+        latency_ms: Latency { p50: Some(p50), p99: Some(p99) },
+        capture_to_map_ms: Latency::of(&from_capture),
+        modelled: false,
+        bandwidth: traffic.rates(duration_s),
+        video: VideoRate::of(shown, [width, height], jpeg, duration_s),
+        pictures,
+        frames,
+        notices,
+        late_frames: late,
+        names,
+        glimpses,
+        world,
+    }
+}
+
+/// What a session sent, by kind, but for the pictures asked for at the end. Zenoh counts its bytes by session only: what is not payload (headers, presence, keep-alive)
+/// is shared out by the modelled overhead of each kind, and TCP/IP's headers are added.
+fn add_traffic(traffic: &mut Traffic, sender: &str, rows: &[Row], measured: Option<WireBytes>) {
+    let all = || rows.iter().filter(|row| row.direction == Direction::Sent && row.count.messages > 0);
+    let (pictures, sent): (Vec<&Row>, Vec<&Row>) = all().partition(|row| row.kind == Kind::Picture);
+    let overhead = |row: &Row| {
+        let mean = row.count.payload_bytes / row.count.messages;
+        (modelled_wire_bytes(row.kind, mean as usize) - mean) * row.count.messages
+    };
+    let zenoh = |row: &Row| overhead(row).saturating_sub(row.count.messages * protocol::meter::TCP_IP_BYTES);
+    let modelled: u64 = sent.iter().map(|row| zenoh(row)).sum();
+    let payload: u64 = sent.iter().chain(&pictures).map(|row| row.count.payload_bytes).sum();
+    let share = measured.map_or(1.0, |m| m.sent.saturating_sub(payload) as f64 / modelled.max(1) as f64);
+    for row in sent {
+        let headers = zenoh(row) as f64 * share + (overhead(row) - zenoh(row)) as f64;
+        let wire = row.count.payload_bytes + headers as u64;
+        traffic.add_many(sender, row.kind.name(), row.count.messages, row.count.payload_bytes, wire);
+    }
+}
+
+fn failed(error: impl std::fmt::Display) -> TeamError {
+    TeamError::Service(error.to_string())
+}
