@@ -196,7 +196,7 @@ impl Renderer {
         let casters: Vec<&Caster> = movers.iter().map(|m| &m.caster).chain(standing).collect();
         let mut shading = Vec::new();
         for (tile, (middle, radius)) in self.rays.tiles.iter().zip(&self.still.balls) {
-            for k in 0..lights.count() {
+            for (k, strength) in strength.iter().enumerate().take(lights.count()) {
                 let lamp = lights.position(k);
                 shading.clear();
                 shading.extend(
@@ -218,7 +218,7 @@ impl Renderer {
                 };
                 let light = &mut self.canvas.light;
                 let mut take = |pixel: usize, open: f32| {
-                    light[pixel] -= (1.0 - open) * self.still.glow[pixel].lamps[k] * strength[k];
+                    light[pixel] -= (1.0 - open) * self.still.glow[pixel].lamps[k] * strength;
                 };
                 if tile.len() < TILE_PX * TILE_PX {
                     tile.iter().for_each(|p| take(*p as usize, open_at(*p as usize)));

@@ -10,6 +10,8 @@ use crate::world::vector::{Ray, V3, v3};
 const LAMP_RADIUS_M: f32 = 0.16;
 /// Of the lamps below the ceiling.
 const LAMP_DROP_M: f64 = 0.06;
+/// Shadows of what is nearer to a place than this share of the way to the lamp are as sharp as at this share.
+const LEAST_SHARE: f32 = 0.02;
 /// Mains flicker.
 const FLICKER_HZ: f64 = 100.0;
 /// Points of a lamp's disc that are tested for furniture in the way.
@@ -147,10 +149,17 @@ impl Caster {
     pub fn shade_by(&self, parts: Parts, p: V3, lamp: V3) -> f32 {
         let way = lamp - p;
         let mut most = 0.0f32;
-        for (n, capsule) in self.capsules.iter().enumerate() {
-            if parts.0 >> n & 1 != 0 {
-                let (distance, share) = nearest(p, way, capsule.a, capsule.b - capsule.a);
-                most = most.max(half_shadow(distance - capsule.radius, share));
+        if let Some(capsules) = self.capsules.get(..self.capsules.len().min(u32::BITS as usize)) {
+            let mut left =
+                if capsules.is_empty() { 0 } else { parts.0 & (u32::MAX >> (u32::BITS as usize - capsules.len())) };
+            while left != 0 && most < 1.0 {
+                let capsule = &capsules[left.trailing_zeros() as usize];
+                left &= left - 1;
+                let (distance2, share) = nearest(p, way, capsule.a, capsule.b - capsule.a);
+                let reach = capsule.radius + LAMP_RADIUS_M * share.max(LEAST_SHARE);
+                if distance2 < reach * reach {
+                    most = most.max(half_shadow(distance2.sqrt() - capsule.radius, share));
+                }
             }
         }
         for upright in &self.uprights {
@@ -167,9 +176,9 @@ impl Caster {
         }
         let mut parts = 0;
         for (n, capsule) in self.capsules.iter().enumerate() {
-            let (distance, share) = nearest(p, way, capsule.a, capsule.b - capsule.a);
+            let (distance2, share) = nearest(p, way, capsule.a, capsule.b - capsule.a);
             // The half shadow widens towards the lamp; a little is added for the share at the tile's rim.
-            if distance < capsule.radius + spread + LAMP_RADIUS_M * (share + 0.1) {
+            if distance2.sqrt() < capsule.radius + spread + LAMP_RADIUS_M * (share + 0.1) {
                 parts |= 1 << n;
             }
         }
@@ -196,7 +205,7 @@ impl Caster {
 /// 0 (lit) … 1 (dark) where the way passes a solid's surface at `gap` (negative inside), `share` of the way to the lamp.
 #[inline(always)]
 fn half_shadow(gap: f32, share: f32) -> f32 {
-    let half = LAMP_RADIUS_M * share.max(0.02);
+    let half = LAMP_RADIUS_M * share.max(LEAST_SHARE);
     let x = (0.5 - 0.5 * gap / half).clamp(0.0, 1.0);
     x * x * (3.0 - 2.0 * x)
 }
@@ -214,7 +223,7 @@ fn behind_upright(u: &Upright, p: V3, way: V3) -> f32 {
     half_shadow(side.max(over), share.max(0.05))
 }
 
-/// Smallest distance between the ways p + s·d and a + t·e (s, t in 0 … 1), and its s.
+/// Square of the smallest distance between the ways p + s·d and a + t·e (s, t in 0 … 1), and its s.
 #[inline(always)]
 fn nearest(p: V3, d: V3, a: V3, e: V3) -> (f32, f32) {
     let r = p - a;
@@ -223,5 +232,6 @@ fn nearest(p: V3, d: V3, a: V3, e: V3) -> (f32, f32) {
     let s = if denominator > 1e-9 { ((de * er - dr * ee) / denominator).clamp(0.0, 1.0) } else { 0.0 };
     let t = ((de * s + er) / ee).clamp(0.0, 1.0);
     let s = ((t * de - dr) / dd).clamp(0.0, 1.0);
-    ((r + d * s - e * t).length(), s)
+    let apart = r + d * s - e * t;
+    (apart.dot(apart), s)
 }

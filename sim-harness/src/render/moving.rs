@@ -149,9 +149,7 @@ impl Mover {
             (None, Some(clothes)) => self.person_glow(hit.part, clothes, p, scene),
             (None, None) => Glow::default(),
         };
-        for k in 0..MAX_LAMPS {
-            glow.lamps[k] *= open[k];
-        }
+        glow.lamps.iter_mut().zip(open).for_each(|(lamp, open)| *lamp *= open);
         glow
     }
 

@@ -36,21 +36,25 @@ impl Glow {
     /// Sum under these lamp strengths.
     #[inline(always)]
     pub fn total(&self, strength: &PerLamp) -> f32 {
-        let mut sum = self.ambient;
-        for k in 0..MAX_LAMPS {
-            sum += self.lamps[k] * strength[k];
-        }
-        sum
+        self.lamps.iter().zip(strength).fold(self.ambient, |sum, (lamp, strength)| sum + lamp * strength)
     }
 }
 
 #[derive(Debug)]
 struct Patch {
-    size: [f32; 2],
-    levels: Vec<(usize, usize, Vec<f32>)>,
-    light_columns: usize,
-    light_rows: usize,
-    light: Vec<Glow>,
+    levels: Vec<Map<f32>>,
+    light: Map<Glow>,
+}
+
+/// Values on a grid over a patch.
+#[derive(Debug)]
+struct Map<T> {
+    columns: usize,
+    rows: usize,
+    /// Grid steps a metre along u and v, and the place of the first value on the grid.
+    scale: [f32; 2],
+    first: f32,
+    values: Vec<T>,
 }
 
 /// All that never moves, painted and lit.
@@ -235,12 +239,20 @@ impl Scene {
                 });
             }
         }
-        let mut levels = vec![(columns, rows, finest)];
+        let scale = |columns: usize, rows: usize| [columns as f32 / size[0], rows as f32 / size[1]];
+        let mut levels = vec![Map { columns, rows, scale: scale(columns, rows), first: 0.5, values: finest }];
         while levels.len() < LEVELS {
-            let coarser = halve(&levels[levels.len() - 1]);
+            let coarser = levels[levels.len() - 1].halved(size);
             levels.push(coarser);
         }
-        self.patches.push(Patch { size, levels, light_columns, light_rows, light });
+        let light = Map {
+            columns: light_columns,
+            rows: light_rows,
+            scale: scale(light_columns - 1, light_rows - 1),
+            first: 0.0,
+            values: light,
+        };
+        self.patches.push(Patch { levels, light });
     }
 }
 
@@ -253,16 +265,38 @@ fn corner_dusk(patch: usize, u: f32, v: f32, size: [f32; 2]) -> f32 {
     1.0 - 0.35 * (-near / 0.3).exp()
 }
 
-fn halve((columns, rows, fine): &(usize, usize, Vec<f32>)) -> (usize, usize, Vec<f32>) {
-    let (c, r) = (columns.div_ceil(2), rows.div_ceil(2));
-    let at = |i: usize, j: usize| fine[j.min(rows - 1) * columns + i.min(columns - 1)];
-    let coarse = (0..c * r)
-        .map(|n| {
-            let (i, j) = (2 * (n % c), 2 * (n / c));
-            0.25 * (at(i, j) + at(i + 1, j) + at(i, j + 1) + at(i + 1, j + 1))
-        })
-        .collect();
-    (c, r, coarse)
+impl Map<f32> {
+    fn halved(&self, size: [f32; 2]) -> Self {
+        let (columns, rows) = (self.columns.div_ceil(2), self.rows.div_ceil(2));
+        let at = |i: usize, j: usize| self.values[j.min(self.rows - 1) * self.columns + i.min(self.columns - 1)];
+        let values = (0..columns * rows)
+            .map(|n| {
+                let (i, j) = (2 * (n % columns), 2 * (n / columns));
+                0.25 * (at(i, j) + at(i + 1, j) + at(i, j + 1) + at(i + 1, j + 1))
+            })
+            .collect();
+        Self { columns, rows, scale: [columns as f32 / size[0], rows as f32 / size[1]], first: 0.5, values }
+    }
+}
+
+impl<T> Map<T> {
+    /// The four values round a place and their weights.
+    #[inline(always)]
+    fn around(&self, u: f32, v: f32) -> [(&T, f32); 4] {
+        let x = (u * self.scale[0] - self.first).clamp(0.0, (self.columns - 1) as f32);
+        let y = (v * self.scale[1] - self.first).clamp(0.0, (self.rows - 1) as f32);
+        let (i, j) = (x as usize, y as usize);
+        let (fx, fy) = (x - i as f32, y - j as f32);
+        let right = usize::from(i + 1 < self.columns);
+        let at = j * self.columns + i;
+        let up = if j + 1 < self.rows { at + self.columns } else { at };
+        [
+            (&self.values[at], (1.0 - fx) * (1.0 - fy)),
+            (&self.values[at + right], fx * (1.0 - fy)),
+            (&self.values[up], (1.0 - fx) * fy),
+            (&self.values[up + right], fx * fy),
+        ]
+    }
 }
 
 impl Patch {
@@ -274,33 +308,15 @@ impl Patch {
             level += 1;
             texel *= 2.0;
         }
-        let (columns, rows, map) = &self.levels[level];
-        let (x, y) = (u / self.size[0] * *columns as f32 - 0.5, v / self.size[1] * *rows as f32 - 0.5);
-        let (i, j, fx, fy) = split(x, y, *columns, *rows);
-        let (i1, j1) = ((i + 1).min(columns - 1), (j + 1).min(rows - 1));
-        let (low, high) = (j * columns, j1 * columns);
-        (map[low + i] * (1.0 - fx) + map[low + i1] * fx) * (1.0 - fy)
-            + (map[high + i] * (1.0 - fx) + map[high + i1] * fx) * fy
+        self.levels[level].around(u, v).into_iter().map(|(value, weight)| value * weight).sum()
     }
 
     #[inline(always)]
     fn light_at(&self, u: f32, v: f32) -> Glow {
-        let (columns, rows) = (self.light_columns, self.light_rows);
-        let (x, y) = (u / self.size[0] * (columns - 1) as f32, v / self.size[1] * (rows - 1) as f32);
-        let (i, j, fx, fy) = split(x, y, columns, rows);
-        let (i1, j1) = ((i + 1).min(columns - 1), (j + 1).min(rows - 1));
         let mut glow = Glow::default();
-        glow.add(&self.light[j * columns + i], (1.0 - fx) * (1.0 - fy));
-        glow.add(&self.light[j * columns + i1], fx * (1.0 - fy));
-        glow.add(&self.light[j1 * columns + i], (1.0 - fx) * fy);
-        glow.add(&self.light[j1 * columns + i1], fx * fy);
+        for (light, weight) in self.light.around(u, v) {
+            glow.add(light, weight);
+        }
         glow
     }
-}
-
-#[inline(always)]
-fn split(x: f32, y: f32, columns: usize, rows: usize) -> (usize, usize, f32, f32) {
-    let (x, y) = (x.clamp(0.0, (columns - 1) as f32), y.clamp(0.0, (rows - 1) as f32));
-    let (i, j) = (x as usize, y as usize);
-    (i, j, x - i as f32, y - j as f32)
 }

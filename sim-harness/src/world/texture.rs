@@ -107,13 +107,8 @@ impl Paint {
             Self::Whiteboard => {
                 let rim = u < 0.03 || v < 0.03 || u > size[0] - 0.03 || v > size[1] - 0.03;
                 let row = edge(v, 0.16, 0.05) > 0.0 && cloud(s, u * 14.0, (v / 0.16).floor() * 5.0) > 0.05;
-                if rim {
-                    0.35
-                } else if row && u > 0.15 && u < size[0] - 0.3 {
-                    0.35
-                } else {
-                    0.86
-                }
+                let written = row && u > 0.15 && u < size[0] - 0.3;
+                if rim || written { 0.35 } else { 0.86 }
             }
         }
         .clamp(0.02, 0.95)
