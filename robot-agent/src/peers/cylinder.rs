@@ -33,10 +33,15 @@ const LEAST_CORRELATION: f64 = 0.93;
 const BLUR_PX: [f64; 2] = [0.45, 1.35];
 /// Most RMS difference of the fitted reflectances from the announced ones.
 const WORST_PAINT: f64 = 0.12;
-/// Without any outline the rings must be beyond doubt.
-const SURE_CORRELATION: f64 = 0.97;
-const SURE_PAINT: f64 = 0.07;
-const SURE_BEND: f64 = 0.3;
+/// What the rings must reach, by the number of outlines that confirm them: fewer outlines, less doubt. A fitted robot has a
+/// correlation of 0.99 and a paint error of 0.02; shelves and chair legs stay below 0.97 and above 0.05.
+const DOUBT: [Doubt; 3] = [
+    Doubt { correlation: 0.98, paint: 0.06, bend: 0.25 },
+    Doubt { correlation: 0.97, paint: 0.07, bend: 0.35 },
+    Doubt { correlation: 0.95, paint: 0.09, bend: 0.45 },
+];
+/// Beyond, a body of 0.2 m is 14 pixels wide and much looks like it, metres.
+const FARTHEST_M: f64 = 7.0;
 /// The rings bend as a cylinder's to within this share, beside noise.
 const BEND_GATE: f64 = 0.1;
 
@@ -48,6 +53,11 @@ const HEIGHT_GATE_M: f64 = 0.01;
 const LEAST_AGREEMENT: f64 = 0.5;
 /// An outline that noise leaves more uncertain than this is none, pixels.
 const WORST_EDGE_PX: f64 = 0.5;
+/// A candidate that so many of its strips support is worth other starts, at these multiples of its range.
+const STRONG_SUPPORT: f64 = 0.55;
+const RETRY_RANGES: [f64; 4] = [0.95, 1.05, 0.9, 1.1];
+/// A lone outline has nothing to contradict it: it may be half somebody else's. Pixels, beside noise and floor.
+const LONE_EDGE_PX: f64 = 0.12;
 /// Most peers of one picture.
 const MAX_PEERS: usize = 16;
 
@@ -57,6 +67,14 @@ pub struct CylinderFinder {
     look: CylinderLook,
     search: Search,
     samples: Vec<Sample>,
+}
+
+/// Limits of a verdict.
+struct Doubt {
+    correlation: f64,
+    paint: f64,
+    /// Largest standard deviation of the bend: the test must have had a chance to fail.
+    bend: f64,
 }
 
 struct Found {
@@ -176,54 +194,46 @@ impl CylinderFinder {
             starts.push(right + half * 0.95);
             starts.push(left - half * 0.95);
         }
-        let mut best: Option<RingFit> = None;
-        for start in starts {
-            let Some(fit) = rings::fit(samples, &self.look, (start, candidate.range_m), hidden) else { continue };
-            let score = |fit: &RingFit| fit.visible * fit.correlation;
-            if best.as_ref().is_none_or(|b| score(&fit) > score(b)) {
-                best = Some(fit);
-            }
+        let mut best = self.best_fit(samples, starts.iter().map(|b| (*b, candidate.range_m)), hidden);
+        // Near at hand only one ring edge is in view and the search is coarse in range.
+        if best.as_ref().is_none_or(|fit| !self.fits(fit, camera)) && candidate.support > STRONG_SUPPORT {
+            let retries = RETRY_RANGES.iter().map(|ratio| (candidate.bearing_rad, candidate.range_m * ratio));
+            let retried = self.best_fit(samples, retries, hidden);
+            best = retried.or(best);
         }
         let rings = best?;
-        let tall = mount(camera).height_sigma_m.hypot(mount(camera).tilt_sigma_rad * rings.near_m);
-        let paint = rings.paint_error(&self.look);
-        if rings.visible < LEAST_VISIBLE
-            || !(BLUR_PX[0]..=BLUR_PX[1]).contains(&rings.blur_px)
-            || paint > WORST_PAINT
-            || rings.correlation < LEAST_CORRELATION
-            || rings.gain < LEAST_CONTRAST * rings.noise
-            || rings.lower_m.abs() > HEIGHT_GATE_M + 3.0 * tall.hypot(rings.covariance[2][2].sqrt())
-        {
-            return None;
-        }
-        #[cfg(test)]
-        if std::env::var("PEERS_DEBUG").is_ok() {
-            let n = rings.columns.iter().filter(|c| c.correlation != 0.0).count();
-            println!(
-                "    rings {:.1}° {:.2} m visible {:.2} of {n} corr {:.3} gain {:.0} noise {:.1} lower {:.3} blur {:.2} seen {} refl {:.2?} sb {:.2} px sn {:.3} m bend {:.2} ± {:.3}",
-                rings.bearing_rad.to_degrees(),
-                rings.near_m + 0.2,
-                rings.visible,
-                rings.correlation,
-                rings.gain,
-                rings.noise,
-                rings.lower_m,
-                rings.blur_px,
-                rings.edges_seen,
-                rings.reflectance,
-                rings.covariance[0][0].sqrt() * 220.0,
-                rings.covariance[1][1].sqrt(),
-                rings.bend[0],
-                rings.bend[1]
-            );
-        }
-        // A flat poster, or two legs in striped trousers, bend otherwise than a cylinder of the announced radius.
-        if rings.bend[0].abs() > BEND_GATE + 3.5 * rings.bend[1] {
+        if !self.fits(&rings, camera) {
             return None;
         }
         let left = self.outline(samples, &rings, Side::Left);
         let right = self.outline(samples, &rings, Side::Right);
         Some(Found { rings, left, right })
+    }
+
+    fn best_fit(
+        &self,
+        samples: &[Sample],
+        starts: impl Iterator<Item = (f64, f64)>,
+        hidden: &[[f64; 2]],
+    ) -> Option<RingFit> {
+        let score = |fit: &RingFit| fit.visible * fit.correlation;
+        starts
+            .filter_map(|start| rings::fit(samples, &self.look, start, hidden))
+            .max_by(|a, b| score(a).total_cmp(&score(b)))
+    }
+
+    /// Whether what was fitted is a painted cylinder at all.
+    fn fits(&self, rings: &RingFit, camera: &MountedCamera) -> bool {
+        let mount = mount(camera);
+        let tall = mount.height_sigma_m.hypot(mount.tilt_sigma_rad * rings.near_m);
+        rings.visible >= LEAST_VISIBLE
+            && (BLUR_PX[0]..=BLUR_PX[1]).contains(&rings.blur_px)
+            && rings.paint_error(&self.look) <= WORST_PAINT
+            && rings.correlation >= LEAST_CORRELATION
+            && rings.gain >= LEAST_CONTRAST * rings.noise
+            && rings.lower_m.abs() <= HEIGHT_GATE_M + 3.0 * tall.hypot(rings.covariance[2][2].sqrt())
+            // A flat poster, or two legs in striped trousers, bend otherwise than a cylinder of the announced radius.
+            && rings.bend[0].abs() <= BEND_GATE + 3.5 * rings.bend[1]
     }
 
     /// An outline that lies where the rings put it, in columns that show the rings.
@@ -258,18 +268,20 @@ impl CylinderFinder {
         let body = rings.cylinder(look.radius_m);
         let half = body.outline_rad;
         let seen = usize::from(found.left.is_some()) + usize::from(found.right.is_some());
-        let sure = rings.edges_seen >= 2
-            && rings.visible >= 0.5
-            && rings.correlation >= SURE_CORRELATION
-            && rings.paint_error(look) <= SURE_PAINT
-            && rings.bend[1] <= SURE_BEND;
-        if seen == 0 && !sure {
+        let doubt = &DOUBT[seen];
+        if rings.correlation < doubt.correlation
+            || rings.paint_error(look) > doubt.paint
+            || rings.bend[1] > doubt.bend
+            || (seen == 0 && (rings.edges_seen < 2 || rings.visible < 0.5))
+            || body.range_m > FARTHEST_M
+        {
             return None;
         }
         let edge = |fit: &Option<EdgeFit>, sign: f64| {
             fit.map(|fit| {
                 let bearing = protocol::angle::wrap(rings.bearing_rad + sign * (half + fit.outwards_rad));
-                let floor = EDGE_FLOOR_PX / fit.px_per_rad;
+                let alone = if seen == 1 { LONE_EDGE_PX } else { 0.0 };
+                let floor = EDGE_FLOOR_PX.hypot(alone) / fit.px_per_rad;
                 (bearing, fit.sigma_rad, floor)
             })
         };

@@ -12,7 +12,7 @@ use super::look::CylinderLook;
 use crate::panorama::{PanoramaGeometry, Projection};
 
 /// Nearest and farthest range, metres, and the step between ranges.
-const RANGE_M: [f64; 2] = [0.6, 8.0];
+const RANGE_M: [f64; 2] = [0.6, 7.0];
 const RANGE_STEP: f64 = 1.03;
 /// Most candidates of one picture.
 pub const MAX_CANDIDATES: usize = 24;
