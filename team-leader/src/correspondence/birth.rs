@@ -28,6 +28,8 @@ const RANGE_M: [f64; 2] = [0.35, 15.0];
 const ROBOT_M: f64 = 0.3;
 /// A robot that left its place leaves a false change there, for so long (s) and so near (m).
 const VACATED: (f64, f64) = (15.0, 0.45);
+/// How far from its axis a body reaches with arms and steps, metres.
+const BODY_REACH_M: f64 = 0.4;
 /// Log-likelihood of an impossible pair.
 const IMPOSSIBLE: f64 = -10.0;
 /// Log-likelihood below which no pair is believed.
@@ -128,6 +130,9 @@ impl Follower {
         if in_robot || ghost_of_robot {
             return (IMPOSSIBLE, None);
         }
+        if self.is_piece_of_known(a, b, pose_b, frame) {
+            return (IMPOSSIBLE, None);
+        }
         let mut belief = -0.5 * (a.cue.cost(met.range_1_m) + b.cue.cost(met.range_2_m));
         if let (Some((ea, sa)), Some((eb, sb))) = (a.top, b.top) {
             let (za, zb) = (met.range_1_m * ea.tan(), met.range_2_m * eb.tan());
@@ -138,6 +143,26 @@ impl Follower {
             belief += self.third_opinion(frame.at, robot, &pose, position);
         }
         (belief, Some(position))
+    }
+
+    /// Whether a target that both robots follow already covers both tracks: a second piece of the same body.
+    fn is_piece_of_known(&self, a: &Memory, b: &Memory, pose_b: protocol::frames::Pose2, frame: &Frame<'_>) -> bool {
+        let covers = |f: &Followed, m: &Memory, pose: &protocol::frames::Pose2| {
+            let range_m = (f.target.position() - pose.position()).norm().max(0.3);
+            let away = wrap(m.bearing_at(frame.at) - pose.bearing_to(f.target.position())).abs();
+            away < (BODY_REACH_M / range_m).atan() + m.sigma_rad
+        };
+        let followed = |f: &Followed, robot: usize| {
+            let lately = |at: Timestamp| frame.at.seconds_since(at).abs() < 2.0 * PRESENT_S;
+            f.observers.iter().any(|(r, at)| *r == robot && lately(*at))
+        };
+        self.targets.iter().any(|f| {
+            f.is_confirmed()
+                && followed(f, a.robot)
+                && followed(f, b.robot)
+                && covers(f, a, &frame.pose)
+                && covers(f, b, &pose_b)
+        })
     }
 
     fn third_opinion(

@@ -36,6 +36,21 @@ fn the_default_team_meets_its_limits() {
 }
 
 #[test]
+fn clutter_and_people_in_pieces_do_not_make_people() {
+    let mut total = Score::default();
+    for seed in 40..43 {
+        let settings = Settings { clutter: 3, split: 0.4, duration_s: 40.0, ..Settings::default() };
+        let score = run(&settings, seed);
+        println!("seed {seed}: {score}");
+        total.merge(&score);
+    }
+    println!("all: {total}");
+    assert!(total.coverage() > 0.93, "{total}");
+    assert!(total.targets_m() < 0.16, "{total}");
+    assert!(total.false_per_map() < 0.3, "{total}");
+}
+
+#[test]
 fn a_start_with_everybody_moving_ends_in_a_right_map_soon_after_the_last_stop() {
     for seed in 20..26 {
         let settings = Settings {

@@ -14,6 +14,8 @@ const WIDTH_SPREAD: f64 = 0.35;
 const LEAST_SPREAD: f64 = 0.08;
 /// Elevations nearer to the horizon say nothing about range, radians.
 const LEAST_ELEVATION_RAD: f64 = 0.02;
+/// Spread of a range from ground contact: shadows reach nearer than feet, furniture hides them.
+const FOOT_SPREAD: f64 = 0.15;
 /// Tallest that is expected, in sigmas of the height.
 const TALL_SIGMAS: f64 = 2.0;
 /// A cue never costs more: it may be wrong altogether (half a body, two people).
@@ -35,11 +37,13 @@ pub struct RangeCue {
     pub log_range: Option<(f64, f64)>,
     /// The object is nearer than this, m.
     pub upper_m: f64,
+    /// Its top is seen, and lower than anybody's: a shadow, a chair, a robot.
+    pub low: bool,
 }
 
 impl RangeCue {
     /// Nothing is known.
-    pub const NONE: Self = Self { log_range: None, upper_m: f64::INFINITY };
+    pub const NONE: Self = Self { log_range: None, upper_m: f64::INFINITY, low: false };
 
     /// From one observation of a track; `person_height_m` is mean and standard deviation.
     pub fn of(track: &TrackObservation, camera: CameraFacts, person_height_m: (f64, f64)) -> Self {
@@ -53,14 +57,14 @@ impl RangeCue {
         let mut upper_m = f64::INFINITY;
         if let Some(range) = track.range {
             let m = range.range.m().max(0.1);
-            cues.push((m.ln(), (range.sigma.value() / m).max(LEAST_SPREAD)));
+            cues.push((m.ln(), (range.sigma.value() / m).max(FOOT_SPREAD)));
         }
         if low < -LEAST_ELEVATION_RAD {
             let foot_m = camera.height_m / (-low).tan();
             match track.ends[0] {
                 ElevationEnd::Seen if track.range.is_none() => {
                     let error = (foot_m.powi(2) + camera.height_m.powi(2)) / (camera.height_m * foot_m) * sigma;
-                    cues.push((foot_m.ln(), error.hypot(LEAST_SPREAD)));
+                    cues.push((foot_m.ln(), error.hypot(FOOT_SPREAD)));
                 }
                 ElevationEnd::Seen => {}
                 ElevationEnd::Cut | ElevationEnd::Hidden => upper_m = upper_m.min(foot_m),
@@ -69,11 +73,10 @@ impl RangeCue {
         if high > LEAST_ELEVATION_RAD && mean_m > camera.height_m {
             let above_m = mean_m - camera.height_m;
             match track.ends[1] {
-                ElevationEnd::Seen if track.range.is_none() => {
+                ElevationEnd::Seen => {
                     let error = (spread_m / above_m).hypot(2.0 * sigma / (2.0 * high).sin());
                     cues.push(((above_m / high.tan()).ln(), error.hypot(LEAST_SPREAD)));
                 }
-                ElevationEnd::Seen => {}
                 ElevationEnd::Cut | ElevationEnd::Hidden => {
                     upper_m = upper_m.min((above_m + TALL_SIGMAS * spread_m) / high.tan());
                 }
@@ -86,11 +89,15 @@ impl RangeCue {
         let weight: f64 = cues.iter().map(|(_, s)| s.powi(-2)).sum();
         let log_range = (weight > 0.0)
             .then(|| (cues.iter().map(|(m, s)| m * s.powi(-2)).sum::<f64>() / weight, weight.sqrt().recip()));
-        Self { log_range, upper_m }
+        let low = track.ends[1] == ElevationEnd::Seen && high < 2.0 * sigma && camera.height_m < 1.2;
+        Self { log_range, upper_m, low }
     }
 
     /// How badly a range fits: squared sigmas, at most [`MOST_COST`].
     pub fn cost(&self, range_m: f64) -> f64 {
+        if self.low {
+            return MOST_COST;
+        }
         let r = range_m.max(0.05).ln();
         let by_mean = self.log_range.map_or(0.0, |(m, s)| ((r - m) / s).powi(2));
         let over = (r - self.upper_m.ln()).max(0.0) / LEAST_SPREAD;

@@ -278,6 +278,9 @@ impl Score {
     pub fn coverage(&self) -> f64 {
         self.matched as f64 / self.expected.max(1) as f64
     }
+    pub fn false_per_map(&self) -> f64 {
+        self.false_tracks as f64 / self.maps.max(1) as f64
+    }
     pub fn target_nees(&self) -> f64 {
         self.target_nees.get()
     }

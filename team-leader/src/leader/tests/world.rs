@@ -34,6 +34,10 @@ pub struct Settings {
     pub sway_m: f64,
     pub sway_memory_s: f64,
     pub white_deg: f64,
+    /// How many things a robot follows that are nobody: shadows, ghosts, flicker.
+    pub clutter: usize,
+    /// Share of the time in which a near person falls into two tracks.
+    pub split: f64,
     /// Names of the robots in the order of the world.
     pub names: Vec<&'static str>,
     /// Given places instead of random ones.
@@ -53,6 +57,8 @@ impl Default for Settings {
             sway_m: 0.03,
             sway_memory_s: 0.25,
             white_deg: 0.15,
+            clutter: 0,
+            split: 0.0,
             names: vec!["r1", "r2", "r3", "r4", "r5"],
             places: None,
         }
@@ -72,6 +78,10 @@ pub struct RobotTruth {
     sway: Vec<f64>,
     tracks: BTreeMap<usize, (u32, f64)>,
     next_track: u32,
+    /// Shadows and ghosts: where, until when, under which number.
+    clutter: Vec<([f64; 2], f64, u32)>,
+    /// People in two pieces: who, until when, numbers.
+    split: BTreeMap<usize, (f64, u32)>,
 }
 
 #[derive(Debug, Clone)]
@@ -163,6 +173,8 @@ impl World {
                 sway: vec![0.0; settings.people],
                 tracks: BTreeMap::new(),
                 next_track: 0,
+                clutter: Vec::new(),
+                split: BTreeMap::new(),
             });
         }
         let common_bias = normal(&mut rng, settings.common_bias_deg.to_radians());
@@ -534,7 +546,70 @@ impl World {
                 appearance: None,
             });
         }
+        self.clutter(k, &mut observations);
         observations
+    }
+
+    /// What is nobody, and people in two pieces.
+    fn clutter(&mut self, k: usize, observations: &mut Vec<TrackObservation>) {
+        let t = self.time_s;
+        let me = self.robots[k].pose;
+        self.robots[k].clutter.retain(|c| c.1 > t);
+        while self.robots[k].clutter.len() < self.settings.clutter {
+            let place = [self.rng.random_range(0.5..ROOM_M[0] - 0.5), self.rng.random_range(0.5..ROOM_M[1] - 0.5)];
+            let until = t + self.rng.random_range(0.3..8.0);
+            let number = self.robots[k].next_track;
+            self.robots[k].next_track += 1;
+            self.robots[k].clutter.push((place, until, number));
+        }
+        let mut extra = Vec::new();
+        for &(place, _, number) in &self.robots[k].clutter.clone() {
+            let d = apart([me[0], me[1]], place).max(0.5);
+            let b = wrapped((place[1] - me[1]).atan2(place[0] - me[0]) - me[2]);
+            let low = (-0.6 / d).atan().max((-15f64).to_radians());
+            let high = low + self.rng.random_range(0.02..0.15);
+            extra.push((number, b, low, high, 0.4 / d, d));
+        }
+        let near: Vec<usize> = (0..self.people.len()).collect();
+        for n in near {
+            let position = self.people[n].position;
+            let d = apart([me[0], me[1]], position);
+            let alone = self.people[n].seen_by.contains(&k);
+            if let Some((until, _)) = self.robots[k].split.get(&n)
+                && *until < t
+            {
+                self.robots[k].split.remove(&n);
+            }
+            let share = self.settings.split;
+            if alone && d < 2.5 && !self.robots[k].split.contains_key(&n) && self.rng.random_range(0.0..1.0) < share * 0.1
+            {
+                let number = self.robots[k].next_track;
+                self.robots[k].next_track += 1;
+                let until = t + self.rng.random_range(0.3..1.7);
+                self.robots[k].split.insert(n, (until, number));
+            }
+            if let Some((_, number)) = self.robots[k].split.get(&n) {
+                let b = wrapped((position[1] - me[1]).atan2(position[0] - me[0]) - me[2]);
+                let high = ((1.2 - 0.6) / d).atan().min(20f64.to_radians());
+                extra.push((*number, b + 0.13 / d, (-15f64).to_radians(), high, 0.2 / d, d));
+            }
+        }
+        for (number, bearing, low, high, width, d) in extra {
+            observations.push(TrackObservation {
+                track: TrackId(number),
+                state: TrackState::Visible,
+                bearing: Angle16::from_rad(bearing + normal(&mut self.rng, 0.004)),
+                bearing_sigma: LogSigma::from_value(0.004f64.hypot(self.settings.sway_m / d)),
+                elevation: [Angle16::from_rad(low), Angle16::from_rad(high)],
+                elevation_sigma: LogSigma::from_value(0.005),
+                ends: [ElevationEnd::Seen, ElevationEnd::Seen],
+                width: Angle16::from_rad(width),
+                range: None,
+                class: ObjectClass::Unknown,
+                confidence: Fraction8::from_value(0.9),
+                appearance: None,
+            });
+        }
     }
 }
 
