@@ -41,6 +41,15 @@ pub struct Calibrator {
     last_check: Option<Timestamp>,
     last_solve: Option<Timestamp>,
     changes: Changes,
+    fit: Fit,
+}
+
+/// How well the standing robots' solution fits. Quantiles are dear and change only with the degrees of freedom.
+#[derive(Debug, Clone, Copy)]
+struct Fit {
+    dof: usize,
+    usual: f64,
+    utmost: f64,
 }
 
 /// One observation, as the calibration needs it.
@@ -83,6 +92,7 @@ impl Calibrator {
             last_check: None,
             last_solve: None,
             changes: Changes::default(),
+            fit: Fit { dof: 0, usual: 0.0, utmost: 0.0 },
         }
     }
 
@@ -175,7 +185,7 @@ impl Calibrator {
             let status = if self.ambiguous.is_empty() { MapStatus::Waiting } else { MapStatus::Ambiguous };
             return (status, if self.ambiguous.is_empty() { unplaced } else { self.ambiguous.clone() });
         }
-        if dof > 0 && chi2 > protocol::estimate::chi2_quantile(1.0 - 1e-6, dof) {
+        if dof > 0 && dof == self.fit.dof && chi2 > self.fit.utmost {
             return (MapStatus::Inconsistent, Vec::new());
         }
         if !self.ambiguous.is_empty() {
@@ -197,7 +207,7 @@ impl Calibrator {
     /// Measurements that contradict each other more than chance allows make everything less certain.
     fn scale(&self) -> f64 {
         let (chi2, dof) = self.block.chi2();
-        if dof < 2 { 1.0 } else { (chi2 / protocol::estimate::chi2_quantile(0.95, dof)).max(1.0) }
+        if dof < 2 || dof != self.fit.dof { 1.0 } else { (chi2 / self.fit.usual).max(1.0) }
     }
 
     fn dependence(&self, robot: usize) -> Vec<(usize, Matrix3<f64>)> {

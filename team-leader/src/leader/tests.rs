@@ -67,6 +67,18 @@ fn a_start_with_everybody_moving_ends_in_a_right_map_soon_after_the_last_stop() 
     }
 }
 
+/// `cargo test --release -p team-leader cost_of_a_step -- --ignored --nocapture`
+#[test]
+#[ignore = "a measurement of time, for people"]
+fn cost_of_a_step() {
+    let mut world = World::new(Settings { clutter: 4, split: 0.4, ..Settings::default() }, 3);
+    let mut leader = Leader::new(LeaderCoreConfig::new("lead".parse().unwrap()));
+    let mut costs = world.run_timed(&mut leader);
+    costs.sort_by(f64::total_cmp);
+    let at = |share: f64| costs[(share * (costs.len() - 1) as f64) as usize] * 1e6;
+    println!("{} observations: median {:.0} µs, 99 % {:.0} µs, most {:.0} µs", costs.len(), at(0.5), at(0.99), at(1.0));
+}
+
 #[test]
 fn names_of_robots_mean_nothing() {
     let maps = |names: Vec<&'static str>| {

@@ -5,7 +5,7 @@ use protocol::angle::wrap;
 use protocol::frames::Pose2;
 use protocol::time::Timestamp;
 
-use super::{CHECK_INTERVAL_S, CONTRADICTIONS, Calibrator, FRESH_S, LEAST_COUNT, NAMING_INTERVAL_S, SETTLED_S};
+use super::{CHECK_INTERVAL_S, CONTRADICTIONS, Calibrator, FRESH_S, Fit, LEAST_COUNT, NAMING_INTERVAL_S, SETTLED_S};
 use crate::calibration::naming::{self, Known, Naming, View};
 
 /// Covariance of the gauge: given, not measured.
@@ -182,6 +182,11 @@ impl Calibrator {
         }
         let before: Vec<Option<Pose2>> = members.iter().map(|&m| self.block.pose(m)).collect();
         self.block.solve(&links);
+        let (_, dof) = self.block.chi2();
+        if dof != self.fit.dof {
+            let quantile = |p| protocol::estimate::chi2_quantile(p, dof);
+            self.fit = Fit { dof, usual: quantile(0.95), utmost: quantile(1.0 - 1e-6) };
+        }
         for (&m, old) in members.iter().zip(before) {
             let (Some(new), Some(old)) = (self.block.pose(m), old) else { continue };
             let shift = Vector3::new(new.x_m - old.x_m, new.y_m - old.y_m, wrap(new.heading_rad - old.heading_rad));

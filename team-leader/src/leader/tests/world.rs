@@ -111,6 +111,7 @@ pub struct World {
     bias: BTreeMap<(usize, usize, u8), f64>,
     common_bias: f64,
     history: Vec<(f64, Vec<[f64; 3]>, Vec<PersonTruth>)>,
+    costs: Option<Vec<f64>>,
 }
 
 fn normal(rng: &mut ChaCha8Rng, sigma: f64) -> f64 {
@@ -186,6 +187,7 @@ impl World {
             bias: BTreeMap::new(),
             common_bias,
             history: Vec::new(),
+            costs: None,
             settings,
         };
         for _ in 0..world.settings.people {
@@ -227,6 +229,13 @@ impl World {
         self.robots[robot].goal.is_some_and(|(_, _, from_s, to_s)| (from_s..to_s).contains(&self.time_s))
     }
 
+    /// Runs the leader; seconds that each observation took.
+    pub fn run_timed(&mut self, leader: &mut Leader) -> Vec<f64> {
+        self.costs = Some(Vec::new());
+        self.run(leader, |_, _| {});
+        self.costs.take().unwrap_or_default()
+    }
+
     /// Runs the leader through the whole time; `look` sees the world and each map.
     pub fn run(&mut self, leader: &mut Leader, mut look: impl FnMut(&World, &TeamMap)) {
         let mut post: Vec<(f64, Input)> = Vec::new();
@@ -258,7 +267,12 @@ impl World {
                 due.push((now_s, Input::Deadline));
             }
             for (at_s, input) in due {
+                let observation = matches!(input, Input::Observation(..));
+                let begin = std::time::Instant::now();
                 leader.handle(clock(at_s), input, &mut outputs);
+                if let Some(costs) = self.costs.as_mut().filter(|_| observation) {
+                    costs.push(begin.elapsed().as_secs_f64());
+                }
             }
             for output in outputs.drain(..) {
                 match output {
@@ -581,7 +595,10 @@ impl World {
                 self.robots[k].split.remove(&n);
             }
             let share = self.settings.split;
-            if alone && d < 2.5 && !self.robots[k].split.contains_key(&n) && self.rng.random_range(0.0..1.0) < share * 0.1
+            if alone
+                && d < 2.5
+                && !self.robots[k].split.contains_key(&n)
+                && self.rng.random_range(0.0..1.0) < share * 0.1
             {
                 let number = self.robots[k].next_track;
                 self.robots[k].next_track += 1;
