@@ -48,13 +48,15 @@ pub use question::{
 };
 pub use subscriber::{Received, Subscriber};
 
+use zenoh::Wait;
+
 use crate::meter::Meter;
 use error::words;
 
 /// Time that closing a session may take. Zenoh itself would allow 10 s on a bad link.
 pub const CLOSE_LIMIT: Duration = Duration::from_secs(2);
-/// A client that has no connection after this time says so once.
-const WAITING_NOTICE: Duration = Duration::from_secs(1);
+/// One attempt of a client that waits for ever. After the first it says so; whoever gives up waiting is rid of it after this time.
+const ATTEMPT_LIMIT: Duration = Duration::from_secs(1);
 /// Time that the session's own counters may take to answer.
 const COUNTERS_LIMIT: Duration = Duration::from_secs(1);
 
@@ -87,20 +89,32 @@ impl Transport {
         if runtime.runtime_flavor() == tokio::runtime::RuntimeFlavor::CurrentThread {
             return Err(TransportError::Runtime);
         }
-        let config = options.to_zenoh()?;
-        let mut opening = std::pin::pin!(async { zenoh::open(config).await });
-        let opened = match tokio::time::timeout(WAITING_NOTICE, &mut opening).await {
-            Ok(opened) => opened,
-            Err(_) => {
-                tracing::info!(endpoints = ?options.connect, "nobody there yet: waiting for a leader or router");
-                opening.await
-            }
+        let waits_for_ever = options.role == Role::Client && options.connect_limit.is_none();
+        let attempt = match waits_for_ever {
+            true => Options { connect_limit: Some(ATTEMPT_LIMIT), ..options.clone() },
+            false => options.clone(),
         };
-        let session = opened.map_err(|error| TransportError::Open {
-            listen: options.listen.clone(),
-            connect: options.connect.clone(),
-            reason: words(&error),
-        })?;
+        let mut waiting_was_said = false;
+        let session = loop {
+            let config = attempt.to_zenoh()?;
+            // Zenoh's `open` blocks its thread until it is connected, awaited or not.
+            let opened = tokio::task::spawn_blocking(move || zenoh::open(config).wait()).await;
+            let reason = match opened {
+                Ok(Ok(session)) => break session,
+                Ok(Err(error)) => words(&error),
+                Err(panic) => panic.to_string(),
+            };
+            if !waits_for_ever {
+                let (listen, connect) = (options.listen, options.connect);
+                return Err(TransportError::Open { listen, connect, reason });
+            }
+            if !waiting_was_said {
+                waiting_was_said = true;
+                let endpoints = options.connect.join(", ");
+                tracing::warn!("nobody there yet: waiting for a leader or router at {endpoints} ({reason})");
+            }
+            tokio::time::sleep(RETRY[0]).await;
+        };
         Ok(Self { session, options: Arc::new(options), meter: Arc::default() })
     }
 

@@ -117,7 +117,7 @@ impl Agent {
                 }
             }
             Input::BadFrame(what) => self.refuse_frame(format!("{what}; the frame is skipped"), out),
-            Input::CaptureEnded => self.duties.frames_are_expected(None),
+            Input::CaptureEnded => self.duties.capture_ended(),
             Input::Announcement(announcement) => self.meet(&announcement, out),
             Input::ClockProbe(token, probe) => out.push(self.answer_probe(now, token, probe)),
             Input::Command(token, command) => {
@@ -153,7 +153,7 @@ impl Agent {
         if !self.is_in_time(frame.capture, out) {
             return false;
         }
-        self.duties.frames_are_expected(Some(now));
+        self.duties.frame_came(now);
         self.last_capture = Some(frame.capture);
         self.work = Some(Work { begun: now, capture: frame.capture });
         self.pipeline.begin(frame);

@@ -80,8 +80,9 @@ impl From<io::Error> for Failure {
 /// Parses, runs, reports.
 pub fn main() -> ExitCode {
     let cli = Cli::parse();
-    let filter = EnvFilter::try_from_default_env()
-        .unwrap_or_else(|_| EnvFilter::new("info,zenoh=warn,zenoh_transport=error,zenoh_link_tcp=error"));
+    let filter = EnvFilter::try_from_default_env().unwrap_or_else(|_| {
+        EnvFilter::new("info,zenoh=warn,zenoh::net=error,zenoh_transport=error,zenoh_link_tcp=error")
+    });
     tracing_subscriber::fmt().with_env_filter(filter).with_writer(io::stderr).init();
     let result = match &cli.command {
         Command::Run(arguments) => run::execute(arguments),

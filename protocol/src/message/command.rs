@@ -12,7 +12,7 @@ pub enum Command {
     RestartBackground,
     /// Forget all tracks.
     ResetTracks,
-    /// Work at most this many frames a second (0 < rate ≤ 120).
+    /// Work at most this many frames a second (0.01 to 120).
     SetFrameRate(f32),
     /// Stop publishing observations until resumed.
     Pause,
@@ -44,6 +44,8 @@ pub enum CommandReply {
     },
 }
 
+/// Slowest rate that may be asked for: a frame in 100 s.
+pub const MIN_FRAME_RATE_HZ: f32 = 0.01;
 /// Fastest rate that may be asked for.
 pub const MAX_FRAME_RATE_HZ: f32 = 120.0;
 /// Most bytes of a refusal's reason.
@@ -55,7 +57,7 @@ impl Message for Command {
     fn validate(&self) -> Result<(), Invalid> {
         match self {
             Self::SetFrameRate(rate_hz) => {
-                check::in_range("rate_hz", *rate_hz, f32::MIN_POSITIVE.into(), MAX_FRAME_RATE_HZ.into())
+                check::in_range("rate_hz", *rate_hz, MIN_FRAME_RATE_HZ.into(), MAX_FRAME_RATE_HZ.into())
             }
             _ => Ok(()),
         }

@@ -1,12 +1,10 @@
 //! Answers to commands and clock probes.
 
+use protocol::message::command::{MAX_FRAME_RATE_HZ, MIN_FRAME_RATE_HZ};
 use protocol::message::{ClockProbe, ClockReply, Command, CommandReply};
 use protocol::time::Timestamp;
 
 use super::{Agent, Output, Token};
-
-/// Greatest frame rate that can be asked for.
-const MAX_FRAME_RATE_HZ: f32 = 120.0;
 
 impl Agent {
     pub(super) fn answer_probe(&self, now: Timestamp, token: Token, probe: ClockProbe) -> Output {
@@ -28,12 +26,12 @@ impl Agent {
             }
             Command::RestartBackground => self.pipeline.restart_background(),
             Command::ResetTracks => self.pipeline.reset_tracks(),
-            Command::SetFrameRate(rate) if *rate > 0.0 && *rate <= MAX_FRAME_RATE_HZ => {
+            Command::SetFrameRate(rate) if (MIN_FRAME_RATE_HZ..=MAX_FRAME_RATE_HZ).contains(rate) => {
                 self.max_frame_rate_hz = f64::from(*rate);
             }
             Command::SetFrameRate(rate) => {
                 return CommandReply::Refused(format!(
-                    "the frame rate {rate} is not above 0 and at most {MAX_FRAME_RATE_HZ} frames a second"
+                    "the frame rate is {rate}; {MIN_FRAME_RATE_HZ} to {MAX_FRAME_RATE_HZ} frames a second can be had"
                 ));
             }
             Command::Pause => self.paused = true,

@@ -27,6 +27,7 @@ pub struct Duties {
     latencies: Latencies,
     last_frame: Option<Timestamp>,
     frames_missing: bool,
+    capture_ended: bool,
 }
 
 /// What [`Health`] counts since the start.
@@ -52,10 +53,16 @@ impl Duties {
         }
     }
 
-    /// A frame has come (frames are expected from now on), or none will.
-    pub fn frames_are_expected(&mut self, last: Option<Timestamp>) {
-        self.last_frame = last;
+    /// A frame has come: the next one is expected, unless the source has ended.
+    pub fn frame_came(&mut self, now: Timestamp) {
+        self.last_frame = (!self.capture_ended).then_some(now);
         self.frames_missing = false;
+    }
+
+    /// No frame is expected any more; some that came may still be worked on.
+    pub fn capture_ended(&mut self) {
+        self.capture_ended = true;
+        self.last_frame = None;
     }
 
     /// A frame was worked on; seconds from capture to publication.

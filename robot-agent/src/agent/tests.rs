@@ -157,6 +157,7 @@ fn frames_that_fail_to_arrive_are_one_alarm() {
     let mut ended = self::agent();
     handle(&mut ended, at(0.0), Input::Frame(frame(&scene, at(0.0), 0)));
     handle(&mut ended, at(0.1), Input::CaptureEnded);
+    handle(&mut ended, at(0.1), Input::Frame(frame(&scene, at(0.1), 1)));
     assert!(alarms_of(&handle(&mut ended, at(9.0), Input::Deadline)).is_empty(), "a recording may end");
 }
 

@@ -67,8 +67,9 @@ pub struct RawWork {
     /// Columns of the panorama over 360°, 64 to 8192. Default: as many as suit the camera, 1080 for the reference camera.
     /// Time and memory grow with the square.
     pub panorama_columns: Option<u32>,
-    /// Time for one frame, milliseconds; stages that would begin later are left out and the observation says so.
-    /// 0: no limit. Default 80.
+    /// Time for one frame, milliseconds; stages that would begin later are left out, in turns, and the observation says
+    /// so. Default 0, no limit: each frame is worked whole, and of those that come meanwhile the newest is next. A limit
+    /// keeps the rate of observations up on a busy processor at the cost of tracks and peers in each.
     pub budget_ms: f64,
     /// Frames a second that are worked on at most; others are dropped and counted. Default 120.
     pub max_frame_rate_hz: f64,
@@ -76,7 +77,7 @@ pub struct RawWork {
 
 impl Default for RawWork {
     fn default() -> Self {
-        Self { panorama_columns: None, budget_ms: 80.0, max_frame_rate_hz: 120.0 }
+        Self { panorama_columns: None, budget_ms: 0.0, max_frame_rate_hz: 120.0 }
     }
 }
 

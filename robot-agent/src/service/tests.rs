@@ -58,6 +58,22 @@ async fn an_agent_whose_leader_is_away_works_on_and_joins_when_it_comes_and_come
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn an_agent_whose_leader_never_comes_works_and_stops_when_it_is_asked() {
+    let nobody = TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap();
+    let taken = Arc::new(AtomicUsize::new(0));
+    let running = start(agent("r1", 1), Box::new(Camera::counting(taken.clone())), &format!("tcp/{nobody}"));
+    timeout(LIMIT, async {
+        while taken.load(Ordering::Relaxed) < 5 {
+            tokio::task::yield_now().await
+        }
+    })
+    .await
+    .unwrap();
+    let summary = running.stop().await;
+    assert!(summary.traffic.is_empty(), "{:?}", summary.traffic);
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn commands_pictures_and_clock_probes_are_answered_by_key() {
     let (leader, endpoint) = leader().await;
     let mut announcements: Subscriber<Announcement> = leader.subscribe(every(RobotTopic::Announcement)).await.unwrap();

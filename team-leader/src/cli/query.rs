@@ -62,7 +62,7 @@ enum Word {
     ResetTracks,
     /// Work on at most this many frames a second.
     SetFrameRate {
-        /// Above 0 and at most 120.
+        /// 0.01 to 120.
         rate_hz: f32,
     },
     /// Stop publishing observations.
