@@ -3,3 +3,4 @@
 mod layout;
 mod optics;
 mod services;
+mod team;

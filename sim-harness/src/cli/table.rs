@@ -112,7 +112,7 @@ pub fn remarks(outcome: &Outcome) -> String {
         number(latency.p99, 1)
     );
     if outcome.late_frames > 0 {
-        let _ = writeln!(text, "{} pictures were rendered late", outcome.late_frames);
+        let _ = writeln!(text, "{} pictures were rendered late or not at all", outcome.late_frames);
     }
     for notice in outcome.notices.iter().take(20) {
         let _ = writeln!(text, "note: {notice}");

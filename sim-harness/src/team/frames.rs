@@ -13,7 +13,7 @@ use crate::render::{Picture, Renderer};
 use crate::world::Capture;
 
 /// Pictures that wait for their time, at most, of each robot: enough to even out the cost of single pictures.
-const AHEAD: usize = 8;
+const AHEAD: usize = 24;
 /// Every so many pictures one is encoded as JPEG, to know what video would cost.
 const JPEG_EVERY: usize = 10;
 
@@ -26,6 +26,8 @@ pub struct Taken {
     pub picture: Picture,
     /// Bytes as JPEG, of some pictures.
     pub jpeg_bytes: Option<usize>,
+    /// Pictures left out since the one before.
+    pub skipped: u64,
 }
 
 /// What comes next within a time.
@@ -47,12 +49,21 @@ pub struct Ahead {
 }
 
 impl Ahead {
-    /// Starts rendering these captures.
-    pub fn start(mut renderer: Renderer, captures: Vec<Capture>) -> Self {
+    /// Starts rendering these captures, but for those of which `skip` says, when their turn comes, that it is too late.
+    pub fn start(
+        mut renderer: Renderer,
+        captures: Vec<Capture>,
+        skip: impl Fn(&Capture) -> bool + Send + 'static,
+    ) -> Self {
         let (sender, taken) = sync_channel(AHEAD);
         let thread = std::thread::spawn(move || {
+            let mut skipped = 0;
             for (number, capture) in captures.into_iter().enumerate() {
-                if sender.send(take(&mut renderer, capture, number)).is_err() {
+                if skip(&capture) {
+                    skipped += 1;
+                    continue;
+                }
+                if sender.send(take(&mut renderer, capture, number, std::mem::take(&mut skipped))).is_err() {
                     break;
                 }
             }
@@ -85,11 +96,10 @@ impl Drop for Ahead {
     }
 }
 
-/// Renders one picture; `number` counts the robot's pictures.
-pub fn take(renderer: &mut Renderer, capture: Capture, number: usize) -> Taken {
+fn take(renderer: &mut Renderer, capture: Capture, number: usize, skipped: u64) -> Taken {
     let picture = renderer.render(capture.true_time_s);
     let jpeg_bytes = number.is_multiple_of(JPEG_EVERY).then(|| jpeg_bytes(&picture)).flatten();
-    Taken { capture, picture, jpeg_bytes }
+    Taken { capture, picture, jpeg_bytes, skipped }
 }
 
 fn jpeg_bytes(picture: &Picture) -> Option<usize> {

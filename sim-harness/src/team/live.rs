@@ -29,10 +29,12 @@ use crate::bandwidth::{Traffic, VideoRate};
 use crate::render::Renderer;
 use crate::scenario::Scenario;
 use crate::score::scores::Latency;
-use crate::world::World;
+use crate::world::{Capture, World};
 
 /// From the moment everything is set up to the scenario's start: sessions open and the first pictures are rendered.
 const LEAD: Duration = Duration::from_millis(1500);
+/// A picture whose rendering has not begun so long after its time is left out.
+const TOO_LATE: Duration = Duration::from_millis(20);
 /// Maps and observations are heard for so long after the scenario's end.
 const TAIL: Duration = Duration::from_millis(300);
 /// Time that an agent has to answer with a picture.
@@ -139,7 +141,11 @@ fn start_robots(
         let epoch = zero.0.wrapping_add(index as u64);
         let agent = Agent::new(agent_settings, mounted.clone(), epoch)?;
         let seen = Arc::new(Mutex::new(Seen::default()));
-        let camera = SimulatedCamera::new(Ahead::start(renderer, captures), zero, robot.clock_offset_s, seen.clone());
+        // A camera that is behind loses pictures; delivering them late would only make the next ones late too.
+        let too_late =
+            move |capture: &Capture| Clock::system().now() > zero.offset_by_secs(capture.true_time_s) + TOO_LATE;
+        let pictures = Ahead::start(renderer, captures, too_late);
+        let camera = SimulatedCamera::new(pictures, zero, robot.clock_offset_s, seen.clone());
         let setup = agent_service::Setup {
             agent,
             source: Box::new(camera),
@@ -206,7 +212,10 @@ fn outcome(
         if summary.frames_dropped > 0 {
             notices.push(format!("{name}: {} pictures dropped because a newer one was there", summary.frames_dropped));
         }
-        late += seen.late;
+        if seen.skipped > 0 {
+            notices.push(format!("{name}: {} pictures left out because rendering was behind", seen.skipped));
+        }
+        late += seen.late + seen.skipped;
         jpeg = (jpeg.0 + seen.jpeg.0, jpeg.1 + seen.jpeg.1);
         shown += seen.glimpses.len();
         glimpses.push(seen.glimpses);

@@ -106,7 +106,7 @@ impl Team {
                 name: names[index],
                 agent,
                 clock_offset_s: robot.clock_offset_s,
-                pictures: Ahead::start(renderer, captures),
+                pictures: Ahead::start(renderer, captures, |_| false),
                 next: None,
                 last: None,
                 glimpses: Vec::new(),
@@ -183,7 +183,7 @@ impl Team {
     }
 
     fn picture(&mut self, now: VirtualNs, index: usize) -> Result<(), TeamError> {
-        let Some(Taken { capture, picture, jpeg_bytes }) = self.robots[index].next.take() else { return Ok(()) };
+        let Some(Taken { capture, picture, jpeg_bytes, .. }) = self.robots[index].next.take() else { return Ok(()) };
         if let Some(bytes) = jpeg_bytes {
             self.jpeg.0 += bytes as u64;
             self.jpeg.1 += 1;

@@ -26,6 +26,8 @@ pub(super) struct Seen {
     pub last: Option<Frame>,
     /// Pictures that were not ready at their time.
     pub late: u64,
+    /// Pictures that were left out because rendering was behind.
+    pub skipped: u64,
 }
 
 /// Pictures of one robot, in real time.
@@ -64,10 +66,11 @@ impl LiveSource for SimulatedCamera {
             return Captured::Waiting;
         }
         std::thread::sleep(wait);
-        let Taken { capture: moment, picture, jpeg_bytes } = taken;
+        let Taken { capture: moment, picture, jpeg_bytes, skipped } = taken;
         let frame = Frame { capture, width: picture.width, height: picture.height, gray: picture.gray };
         let mut seen = self.seen.lock().unwrap_or_else(PoisonError::into_inner);
         seen.late += u64::from(clock.now() > due + LATE);
+        seen.skipped += skipped;
         if let Some(bytes) = jpeg_bytes {
             seen.jpeg.0 += bytes as u64;
             seen.jpeg.1 += 1;

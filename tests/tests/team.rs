@@ -1,0 +1,89 @@
+//! The whole team in virtual time: what a seed fixes, and what names do not change.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use nalgebra::Vector2;
+use protocol::frames::Pose2;
+use protocol::id::RobotId;
+use protocol::message::TeamMap;
+use sim_harness::scenario::Scenario;
+use sim_harness::team::{Outcome, TeamSettings, output, simulated};
+
+#[test]
+fn the_same_seed_gives_the_same_bytes_and_another_seed_others() {
+    let scenario = tiny();
+    let settings = TeamSettings { duration_s: Some(2.0), ..TeamSettings::default() };
+    let files = |seed| {
+        let folder = tempfile::tempdir().unwrap();
+        let outcome = simulated::run(&scenario, seed, &settings, &|_| {}).unwrap();
+        output::write_all(&outcome, &outcome.score(), folder.path()).unwrap();
+        bytes(folder.path())
+    };
+    let (first, again, other) = (files(7), files(7), files(8));
+    for name in ["map.jsonl", "truth.jsonl", "scores.json", "observations.jsonl", "map.png", "r1-pal.png"] {
+        assert!(first.contains_key(name), "{name} is missing among {:?}", first.keys());
+        assert!(first[name] != other[name], "{name} is the same for another seed");
+    }
+    assert!(first == again);
+}
+
+#[test]
+fn permuting_the_robots_names_permutes_the_map() {
+    // Were a name, an order or a place of the simulation to reach an agent or the leader, this would not hold.
+    let mut scenario = tiny();
+    scenario.robots.count = 3;
+    let run = |names: &[&str]| {
+        let names = names.iter().map(|name| RobotId::new(name).unwrap()).collect();
+        let settings = TeamSettings { duration_s: Some(3.0), names: Some(names), ..TeamSettings::default() };
+        simulated::run(&scenario, 3, &settings, &|_| {}).unwrap()
+    };
+    let (straight, permuted) = (run(&["a", "b", "c"]), run(&["c", "a", "b"]));
+    assert_eq!(straight.maps.len(), permuted.maps.len());
+    let mut placed = 0;
+    for (one, other) in straight.maps.iter().zip(&permuted.maps) {
+        assert_eq!(one.stamp, other.stamp);
+        let ([one, their_targets], [other, other_targets]) =
+            (seen_from_first(&straight, one), seen_from_first(&permuted, other));
+        placed += one.len();
+        assert_near(&one, &other);
+        assert_near(&their_targets, &other_targets);
+    }
+    assert!(placed > 0, "no robot was ever placed");
+}
+
+/// Robots, in the order of the world, and targets in the frame of the world's first robot, so that neither names nor the
+/// choice of the gauge matter: x, y and heading each.
+fn seen_from_first(outcome: &Outcome, map: &TeamMap) -> [Vec<[f64; 3]>; 2] {
+    let pose = |name: &RobotId| map.robots.iter().find(|r| r.id == *name).and_then(|r| r.team_from_body);
+    let Some(first_from_team) = pose(&outcome.names[0]).map(|p: Pose2| p.inverse()) else { return [vec![], vec![]] };
+    let robots = outcome.names.iter().filter_map(pose).map(|team_from_body| {
+        let seen = first_from_team * team_from_body;
+        [seen.x_m, seen.y_m, seen.heading_rad]
+    });
+    let mut targets: Vec<[f64; 3]> = map
+        .targets
+        .iter()
+        .map(|t| first_from_team.transform(Vector2::new(t.position_m[0], t.position_m[1])))
+        .map(|p| [p.x, p.y, 0.0])
+        .collect();
+    targets.sort_by(|a, b| a[0].total_cmp(&b[0]));
+    [robots.collect(), targets]
+}
+
+fn assert_near(one: &[[f64; 3]], other: &[[f64; 3]]) {
+    assert_eq!(one.len(), other.len());
+    for (a, b) in one.iter().zip(other) {
+        // Sums over robots are taken in the order of names: rounding only.
+        assert!(a.iter().zip(b).all(|(a, b)| (a - b).abs() < 1e-6), "{a:?} and {b:?}");
+    }
+}
+
+fn tiny() -> Scenario {
+    Scenario::load(Path::new("tiny")).unwrap()
+}
+
+fn bytes(folder: &Path) -> BTreeMap<String, Vec<u8>> {
+    let entries = std::fs::read_dir(folder).unwrap().map(|entry| entry.unwrap());
+    entries.map(|e| (e.file_name().into_string().unwrap(), std::fs::read(e.path()).unwrap())).collect()
+}
