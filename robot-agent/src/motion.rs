@@ -96,7 +96,7 @@ impl Default for MotionSettings {
             background: BackgroundMode::Live { bootstrap_s: 0.8 },
             rate_shift: 4,
             floor_levels: [2.0, 6.0],
-            halo_share: 0.12,
+            halo_share: 0.16,
             window_reach: [2, 3],
             gap: [1, 2],
             min_area_px: 30,
@@ -149,6 +149,8 @@ pub struct Scene<'a> {
     pub picture: &'a [u8],
     /// 1 where something is that does not belong to the background.
     pub mask: &'a [u8],
+    /// How much each pixel differs from the background, grey levels.
+    pub magnitude: &'a [u8],
     /// 0 where nothing is ever tested, else 1.
     pub valid: &'a [u8],
     /// The regions of the mask that are objects.
@@ -338,7 +340,15 @@ impl MotionStage {
         regions.retain(|r| {
             // A real body is clearly different somewhere.
             let strong = count_in(r, &self.strong, self.raster.width);
-            r.area >= self.settings.min_area_px && strong >= (r.area / 12).max(4)
+            r.area >= self.settings.min_area_px
+                && strong >= (r.area / 12).max(4)
+                && !floor::is_soft_shadow(
+                    r,
+                    &self.picture,
+                    &self.background.level,
+                    &self.background.noise,
+                    &self.raster,
+                )
         });
         if regions.len() > MAX_OBJECTS {
             regions.sort_by_key(|r| std::cmp::Reverse(r.area));
@@ -359,6 +369,7 @@ impl MotionStage {
             raster: &self.raster,
             picture: &self.picture,
             mask: &self.mask,
+            magnitude: &self.magnitude,
             valid: &self.valid,
             objects: &self.objects,
         }
@@ -524,7 +535,7 @@ impl MotionStage {
         floor::split(&self.mask, row, &self.raster, &mut self.upright, &mut self.low);
         let mut regions = together(&self.upright, &self.raster);
         let low = together(&self.low, &self.raster);
-        let is_shadow = |r: &Region| floor::is_shadow(r, &self.picture, &self.background.level, &self.raster);
+        let is_shadow = |r: &Region| floor::is_darker(r, &self.picture, &self.background.level, &self.raster);
         regions.extend(low.into_iter().filter(|r| !is_shadow(r)));
         regions
     }

@@ -51,8 +51,8 @@ pub struct TrackerSettings {
     pub publish_hidden_s: f64,
     /// A track that has stopped is kept as an object for so long, seconds; then it belongs to the scene.
     pub hold_s: f64,
-    /// A track that is not measured alone in a group is kept there for so long, seconds.
-    pub merged_s: f64,
+    /// A track in a group in which nothing speaks for it (it may be behind somebody) is kept for so long, seconds.
+    pub unsupported_s: f64,
 }
 
 impl Default for TrackerSettings {
@@ -63,7 +63,7 @@ impl Default for TrackerSettings {
             hidden_s: 2.5,
             publish_hidden_s: 1.0,
             hold_s: 60.0,
-            merged_s: 20.0,
+            unsupported_s: 3.0,
         }
     }
 }
@@ -112,6 +112,9 @@ pub struct Tracker {
     holds: Holds,
     events: Vec<AlarmKind>,
 }
+
+/// A track that has never come anywhere and does not move is none after so long, seconds.
+const STUCK_S: f64 = 2.0;
 
 /// Who was seen in which object of the frame.
 struct Assignment {
@@ -410,7 +413,7 @@ impl Tracker {
             group::place(&body.strip, &sought, &self.raster)
         };
         for (&t, placed) in members.iter().zip(placed) {
-            self.tracks[t].see_merged(placed.axis, placed.alone, body.arc, body.rows, now, &self.raster);
+            self.tracks[t].see_merged(&placed, body.arc, body.rows, now, &self.raster);
         }
     }
 
@@ -446,7 +449,9 @@ impl Tracker {
             if !shared && let Some((bearing, _)) = self.view.angles_rad(track.axis, middle) {
                 track.votes.add(class::of_one_sight(bearing, width_rad, &extent, &self.view, peers));
             }
-            if !track.confirmed && track.hits >= self.settings.confirm_hits {
+            // Ghosts and flicker stay where they are born; people do not.
+            let comes = track.moving_hits >= self.settings.confirm_hits;
+            if !track.confirmed && track.hits >= self.settings.confirm_hits && comes {
                 track.confirmed = true;
                 track.turning_point = Some(now);
             }
@@ -463,9 +468,10 @@ impl Tracker {
         self.tracks.retain(|t| {
             let keep = if t.confirmed {
                 now.seconds_since(t.seen) <= settings.hidden_s
-                    && t.merged_since.is_none_or(|since| now.seconds_since(since) <= settings.merged_s)
+                    && now.seconds_since(t.supported) <= if t.has_come() { settings.unsupported_s } else { 0.5 }
+                    && (t.has_come() || now.seconds_since(t.moved) <= STUCK_S)
             } else {
-                t.misses < 2
+                t.misses < 2 && now.seconds_since(t.born) <= STUCK_S
             };
             if !keep && t.announced {
                 left.push(AlarmKind::PersonLeft(t.id));

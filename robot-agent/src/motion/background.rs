@@ -10,7 +10,7 @@
 //! beside its background: what else is seen there, and for how many frames each of the two was. The look seen longer is
 //! the background; one that was the background before is still known and is no object when it is seen again. So the
 //! bootstrap refines itself in as many seconds as it took, a background that was seen for half a minute is not moved by
-//! somebody who stops, and where the tracker follows somebody nothing is counted at all.
+//! somebody who stops, and where the tracker follows somebody time counts for a third.
 //!
 //! The noise estimate is a running mean of |C − B| outside objects, so thresholds follow the camera, its gain, flickering
 //! lamps and vibrating edges, pixel by pixel.
@@ -165,11 +165,16 @@ impl Background {
             kernel::learn(picture, exposure_q15, how, shift, shift + 1, small_step, &mut self.level, &mut self.noise);
         }
         if self.ready && !self.second.is_empty() {
+            // Where somebody is followed time goes slower: whoever stops stays an object, a ghost that is taken for
+            // somebody still goes.
+            self.arrived += 1;
+            let also_kept = self.arrived.is_multiple_of(KEPT_SLOWNESS);
             kernel::count_looks(
                 picture,
                 exposure_q15,
                 how,
                 &self.noise,
+                also_kept,
                 MOST_SEEN,
                 LEAD,
                 &mut self.level,
@@ -209,6 +214,9 @@ const GHOST_SEEN: u8 = 20;
 const MOST_SEEN: u8 = 250;
 /// Frames by which the second look must have been seen longer.
 const LEAD: u8 = 3;
+
+/// Frames count once in so many where somebody is followed.
+const KEPT_SLOWNESS: usize = 3;
 
 /// How fast a background follows, a frame.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

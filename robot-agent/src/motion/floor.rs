@@ -2,7 +2,8 @@
 //!
 //! A camera below people's hips sees everybody who stands on the floor reach above its horizon, at any distance; the floor
 //! never does. So the columns of the mask that reach above the horizon are bodies; marks in other columns, however they
-//! touch, are shadows or low things, and low things that are only evenly darker than the floor are shadows.
+//! touch, are shadows or low things, and low things that are only darker than the floor are shadows. People
+//! throw shadows on walls, too, shaped like people; those show the wall's own texture.
 
 use super::raster::Raster;
 use super::regions::Region;
@@ -45,8 +46,8 @@ pub(super) fn split(mask: &[u8], row: usize, raster: &Raster, upright: &mut [u8]
     }
 }
 
-/// Whether a low region is only darker, by less than half, nearly everywhere.
-pub(super) fn is_shadow(region: &Region, picture: &[u8], background: &[u16], raster: &Raster) -> bool {
+/// Whether a region is only darker, by less than half, nearly everywhere.
+pub(super) fn is_darker(region: &Region, picture: &[u8], background: &[u16], raster: &Raster) -> bool {
     let mut darker = 0;
     for (row, start, len) in region.spans() {
         let range = row * raster.width + start..row * raster.width + start + len;
@@ -60,4 +61,31 @@ pub(super) fn is_shadow(region: &Region, picture: &[u8], background: &[u16], ras
             .count();
     }
     10 * darker > 8 * region.area
+}
+
+/// Whether a region shows the background's own texture, only darker: a soft shadow on a wall. Steps over two columns are
+/// compared in picture and background; a shadow leaves no more difference than noise does, clothes and limbs leave more.
+pub(super) fn is_soft_shadow(
+    region: &Region,
+    picture: &[u8],
+    background: &[u16],
+    noise: &[u16],
+    raster: &Raster,
+) -> bool {
+    const STEP: usize = 3;
+    if !is_darker(region, picture, background, raster) {
+        return false;
+    }
+    let (mut difference, mut expected) = (0u64, 0u64);
+    for (row, start, len) in region.spans().filter(|(_, _, len)| *len > STEP) {
+        let first = row * raster.width + start;
+        for i in first..first + len - STEP {
+            let now = (i32::from(picture[i + STEP]) - i32::from(picture[i])) << 8;
+            let before = i32::from(background[i + STEP]) - i32::from(background[i]);
+            difference += u64::from(now.abs_diff(before));
+            expected += u64::from(noise[i]);
+        }
+    }
+    // Two pixels' noise: √2 of one, with a quarter to spare.
+    expected > 0 && 10 * difference < 18 * expected
 }

@@ -2,24 +2,30 @@
 //!
 //! A ghost differs from the background like a person does, and stands still like a person who has stopped. What tells
 //! them apart are edges: the outline of a real object is an edge in the picture, the outline of a ghost is an edge in the
-//! *background*. So the steps across the outline are summed in both; no history is needed.
+//! *background*. So the steps across the outline are compared place by place; no history is needed.
 
 use super::raster::Raster;
 use super::regions::Region;
 
-/// Mean absolute grey step across the left and right outline of a region, in the picture and in the background.
+/// Places of a region's left and right outline where the step is clearly larger in the picture or in the background.
+/// Votes, not sums: one poster behind has stronger edges than a whole person.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub(crate) struct OutlineSteps {
-    pub(crate) picture: f32,
-    pub(crate) background: f32,
+    pub(crate) picture: u32,
+    pub(crate) background: u32,
 }
+
+/// Grey levels by which a step must be larger.
+const CLEARLY: u16 = 5;
+/// Fewest places that say anything.
+const LEAST_PLACES: u32 = 8;
 
 /// Columns from the outline to either side.
 const REACH: usize = 2;
 
 pub(crate) fn outline_steps(region: &Region, picture: &[u8], background: &[u16], raster: &Raster) -> OutlineSteps {
     let w = raster.width;
-    let (mut in_picture, mut in_background, mut n) = (0u32, 0u32, 0u32);
+    let mut votes = OutlineSteps::default();
     let mut add = |row: usize, outside: isize, inside: isize| {
         let column = |c: isize| {
             if raster.wraps {
@@ -30,9 +36,10 @@ pub(crate) fn outline_steps(region: &Region, picture: &[u8], background: &[u16],
         };
         if let (Some(o), Some(i)) = (column(outside), column(inside)) {
             let (o, i) = (row * w + o, row * w + i);
-            in_picture += u32::from(picture[o].abs_diff(picture[i]));
-            in_background += u32::from(background[o].abs_diff(background[i]) >> 8);
-            n += 1;
+            let in_picture = u16::from(picture[o].abs_diff(picture[i]));
+            let in_background = background[o].abs_diff(background[i]) >> 8;
+            votes.picture += u32::from(in_picture > in_background + CLEARLY);
+            votes.background += u32::from(in_background > in_picture + CLEARLY);
         }
     };
     let reach = REACH as isize;
@@ -45,15 +52,12 @@ pub(crate) fn outline_steps(region: &Region, picture: &[u8], background: &[u16],
         add(row, first - reach, first + reach - 1);
         add(row, last + reach, last - reach + 1);
     }
-    if n == 0 {
-        return OutlineSteps::default();
-    }
-    OutlineSteps { picture: in_picture as f32 / n as f32, background: in_background as f32 / n as f32 }
+    votes
 }
 
 impl OutlineSteps {
-    /// Whether the outline belongs to the background. Wants a clear step there: noise and texture have none.
+    /// Whether the outline belongs to the background.
     pub(crate) fn is_ghost(&self) -> bool {
-        self.background > 1.5 * self.picture + 2.0
+        self.background >= LEAST_PLACES && 2 * self.background > 3 * self.picture
     }
 }

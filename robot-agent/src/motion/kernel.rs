@@ -70,13 +70,14 @@ pub fn forgive_known(
 
 /// Counts which of its two looks each pixel shows, replaces a second look that is not seen any more, and makes the second
 /// the background where it has been seen `lead` frames longer. Counts stop at `most`. Nothing happens where `how` is
-/// [`KEEP`].
+/// [`KEEP`], unless `also_kept`.
 #[allow(clippy::too_many_arguments)]
 pub fn count_looks(
     current: &[u8],
     exposure_q15: u16,
     how: &[u8],
     noise: &[u16],
+    also_kept: bool,
     most: u8,
     lead: u8,
     level: &mut [u16],
@@ -89,7 +90,7 @@ pub fn count_looks(
     let (how, noise, level, second) = (&how[..n], &noise[..n], &mut level[..n], &mut second[..n]);
     let (seen, seen_second, known) = (&mut seen[..n], &mut seen_second[..n], &mut second_is_known[..n]);
     for i in 0..n {
-        if how[i] == KEEP {
+        if how[i] == KEEP && !also_kept {
             continue;
         }
         let now = expose(current[i], exposure_q15);

@@ -1,15 +1,19 @@
 //! Measuring one body: where its vertical axis is, and what of it is seen.
 //!
-//! The middle of the box is where the swinging hand is, not where the body is. The axis is taken from the columns of the
-//! upper part (trunk and head): each column weighs with the rows it fills, thin columns (arms, edges) are left out, and
-//! the rest is averaged.
+//! The middle of the box is where the swinging hand is, not where the body is, and a shadow on the wall is part of the box
+//! too. The axis is taken from the columns of the upper part (trunk and head): each column weighs with how much it
+//! differs from the background, thin and faint columns (arms, shadows) are left out, and the rest is averaged.
 
 use crate::motion::{Arc, Raster, Region, Scene};
 
 /// Rows from the top that make the trunk and the head, as a share of what is seen.
 const UPPER_SHARE: f64 = 0.55;
-/// Columns filled less than this share of the fullest are arms and edges.
+/// Columns that weigh less than this share of the heaviest are arms, edges and shadows …
 const THIN: f64 = 0.35;
+/// … and those below this share are not even counted to the body's columns.
+const FAINT: f64 = 0.12;
+/// Changes count up to this, grey levels: a white shirt is not more of a body than a gray one.
+const FULL_CHANGE: u8 = 40;
 /// Vertical bands of a [`Strip`].
 pub(super) const BANDS: usize = 8;
 
@@ -32,18 +36,21 @@ impl Body {
         let raster = scene.raster;
         let arc = region.arc;
         let limit = region.rows[0] + (UPPER_SHARE * region.height() as f64).ceil() as usize;
-        let mut filled = vec![0u32; arc.width];
+        let mut weight = vec![0u32; arc.width];
         for (row, start, len) in region.spans().take_while(|(row, _, _)| *row < limit) {
-            let _ = row;
             let offset = (start + raster.width - arc.start) % raster.width;
-            for f in &mut filled[offset..(offset + len).min(arc.width)] {
-                *f += 1;
+            let changes = &scene.magnitude[row * raster.width + start..][..len];
+            for (w, &change) in weight[offset..(offset + len).min(arc.width)].iter_mut().zip(changes) {
+                *w += u32::from(change.clamp(1, FULL_CHANGE));
             }
         }
-        let fullest = filled.iter().copied().max().unwrap_or(0);
-        let least = f64::from(fullest) * THIN;
+        let heaviest = f64::from(weight.iter().copied().max().unwrap_or(0));
+        let least = heaviest * THIN;
+        let counted = |w: &&u32| f64::from(**w) >= heaviest * FAINT;
+        let first = weight.iter().position(|w| counted(&w)).unwrap_or(0);
+        let last = weight.iter().rposition(|w| counted(&w)).unwrap_or(arc.width - 1);
         let (mut sum, mut weighted, mut trunk) = (0.0, 0.0, 0.0);
-        for (i, &f) in filled.iter().enumerate() {
+        for (i, &f) in weight.iter().enumerate() {
             let f = f64::from(f);
             if f >= least {
                 sum += f;
@@ -53,7 +60,7 @@ impl Body {
         }
         let offset = if sum > 0.0 { weighted / sum } else { (arc.width as f64 - 1.0) / 2.0 };
         Self {
-            arc,
+            arc: Arc { start: raster.column(arc.start, first), width: last - first + 1 },
             rows: region.rows,
             axis: raster.wrap_column(arc.start as f64 + offset),
             trunk_width: trunk,
@@ -61,9 +68,9 @@ impl Body {
         }
     }
 
-    /// The axis' offset from the first column.
+    /// The axis' offset from the strip's first column.
     pub(super) fn axis_offset(&self, raster: &Raster) -> f64 {
-        raster.column_difference(self.axis, self.arc.start as f64).rem_euclid(raster.width as f64)
+        raster.wrap_column(self.axis - self.strip.start as f64)
     }
 }
 
@@ -123,7 +130,9 @@ mod tests {
         paint(190, 10, 21, 80); // body over the seam, axis at column 200 = 0
         paint(211, 30, 14, 5); // arm
         let region = group(&mask, &raster, [0, 0], 1).remove(0);
-        let scene = Scene { raster: &raster, picture: &mask, mask: &mask, valid: &mask, objects: &[] };
+        let magnitude = vec![50; mask.len()];
+        let scene =
+            Scene { raster: &raster, picture: &mask, mask: &mask, magnitude: &magnitude, valid: &mask, objects: &[] };
         let body = Body::measure(&region, &scene);
         assert!(raster.column_difference(body.axis, 200.0).abs() < 0.6, "{}", body.axis);
         assert_eq!(body.arc.width, 35);

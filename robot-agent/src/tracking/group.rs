@@ -27,6 +27,8 @@ pub(super) struct Placed {
     pub(super) axis: f64,
     /// Share of its columns that no other body covers.
     pub(super) alone: f64,
+    /// How much worse the region would be explained without it, as a share of what it would fill: 0 = nothing speaks for it.
+    pub(super) support: f64,
 }
 
 /// Most bodies fitted at once; a larger group is a crowd, whose members stay where they are predicted.
@@ -79,7 +81,7 @@ pub(super) fn place(region: &Strip, bodies: &[Sought<'_>], raster: &Raster) -> V
     (0..n)
         .map(|k| {
             let axis = raster.wrap_column(region.start as f64 + f64::from(starts[k]) + bodies[k].axis_offset);
-            Placed { axis, alone: share_alone(k, bodies, &starts) }
+            Placed { axis, alone: share_alone(k, bodies, &starts), support: support(k, region, bodies, &starts) }
         })
         .collect()
 }
@@ -122,6 +124,15 @@ fn misfit(region: &Strip, bodies: &[Sought<'_>], starts: &[i32]) -> f32 {
     sum
 }
 
+fn support(k: usize, region: &Strip, bodies: &[Sought<'_>], starts: &[i32]) -> f64 {
+    let others: Vec<usize> = (0..bodies.len()).filter(|&j| j != k).collect();
+    let without: Vec<Sought<'_>> = others.iter().map(|&j| bodies[j].clone()).collect();
+    let their_starts: Vec<i32> = others.iter().map(|&j| starts[j]).collect();
+    let worse = misfit(region, &without, &their_starts) - misfit(region, bodies, starts);
+    let fills: f32 = bodies[k].template.filled.iter().flatten().sum();
+    f64::from(worse / fills.max(1.0))
+}
+
 fn share_alone(k: usize, bodies: &[Sought<'_>], starts: &[i32]) -> f64 {
     let len = bodies[k].template.filled.len() as i32;
     let alone = (starts[k]..starts[k] + len)
@@ -159,8 +170,12 @@ mod tests {
 
     fn strip(bodies: &[(usize, usize, usize, u8)]) -> Strip {
         let (gray, mask) = picture(bodies);
+        let magnitude = vec![50; mask.len()];
         let region: Region = group(&mask, &RASTER, [0, 0], 1).remove(0);
-        Strip::of(&region, &Scene { raster: &RASTER, picture: &gray, mask: &mask, valid: &mask, objects: &[] })
+        Strip::of(
+            &region,
+            &Scene { raster: &RASTER, picture: &gray, mask: &mask, magnitude: &magnitude, valid: &mask, objects: &[] },
+        )
     }
 
     #[test]

@@ -109,7 +109,8 @@ fn recorded_robots_see_the_people() {
         let mut spent = [0.0f64; 4];
         let mut motions = String::new();
         let mut missed_by: std::collections::BTreeMap<String, u32> = Default::default();
-        for (i, (stamp, picture)) in frames.iter().enumerate() {
+        let limit = std::env::var("LIMIT").map_or(usize::MAX, |v| v.parse().unwrap());
+        for (i, (stamp, picture)) in frames.iter().enumerate().take(limit) {
             let capture = Timestamp::from_secs_f64(*stamp);
             let clock = std::time::Instant::now();
             let mut laps = Vec::new();
@@ -205,6 +206,29 @@ fn recorded_robots_see_the_people() {
                 } else {
                     merged += 1;
                     group_errors.push((error, track.bearing_sigma_rad));
+                }
+            }
+            if std::env::var("FALSE").is_ok() && i % 10 == 0 {
+                let used: Vec<usize> = matched.iter().flatten().copied().collect();
+                for (k, t) in tracks.iter().enumerate().filter(|(k, _)| !used.contains(k)) {
+                    let nearest = people
+                        .iter()
+                        .map(|p| (difference(t.bearing_rad, bearing(p)).to_degrees(), p))
+                        .min_by(|a, b| a.0.abs().total_cmp(&b.0.abs()))
+                        .unwrap();
+                    eprintln!(
+                        "{robot} {i} false {} {:?} {:?} {:.0}° w {} rows {:?}; {} off {:.1}° at {:.1} m {}",
+                        t.id,
+                        t.state,
+                        t.class,
+                        t.bearing_rad.to_degrees(),
+                        t.arc.width,
+                        t.rows,
+                        nearest.1.id,
+                        nearest.0,
+                        (nearest.1.x - rx).hypot(nearest.1.y - ry),
+                        if k < 99 { "" } else { "" },
+                    );
                 }
             }
             let used: Vec<usize> = matched.iter().flatten().copied().collect();

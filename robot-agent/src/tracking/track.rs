@@ -19,6 +19,7 @@ use super::body::{Body, Strip};
 use super::class::Votes;
 use super::extent::Extent;
 use super::filter::AxisFilter;
+use super::group::Placed;
 use crate::motion::{Arc, Patch, Raster};
 
 /// A moving object that is followed.
@@ -46,6 +47,11 @@ pub(super) struct Track {
     pub(super) votes: Votes,
     pub(super) hits: u32,
     pub(super) misses: u32,
+    /// Sightings in which it moved and was no ghost.
+    pub(super) moving_hits: u32,
+    /// When something in a picture last spoke for it.
+    pub(super) supported: Timestamp,
+    pub(super) born: Timestamp,
     /// Where it was born: how far has it come?
     pub(super) born_at: f64,
     pub(super) travelled: f64,
@@ -80,6 +86,9 @@ impl Track {
             votes: Votes::default(),
             hits: 1,
             misses: 0,
+            moving_hits: 1,
+            supported: now,
+            born: now,
             born_at: body.axis,
             travelled: 0.0,
             seen: now,
@@ -139,20 +148,25 @@ impl Track {
         if split {
             self.turning_point = Some(now);
         }
-        self.note_seen(moves, now, raster);
+        self.supported = now;
+        self.travelled = self.travelled.max(raster.column_difference(self.axis, self.born_at).abs());
+        self.note_seen(moves, now);
     }
 
-    /// Seen in a group, `alone` being the share of its columns that nobody else covers.
+    /// Seen in a group.
     pub(super) fn see_merged(
         &mut self,
-        axis: f64,
-        alone: f64,
+        placed: &Placed,
         group: Arc,
         rows: [usize; 2],
         now: Timestamp,
         raster: &Raster,
     ) {
-        let sigma = sigma_alone(self.trunk_width).hypot((1.0 - alone) * 0.35 * self.trunk_width);
+        let Placed { axis, alone, support } = *placed;
+        if support > LEAST_SUPPORT {
+            self.supported = now;
+        }
+        let sigma = sigma_alone(self.trunk_width).hypot((1.0 - alone) * 0.5 * self.trunk_width);
         self.filter.update(axis, sigma, raster);
         // Nobody is outside of the group.
         let centre = group.centre();
@@ -167,7 +181,7 @@ impl Track {
             self.turning_point = Some(now);
         }
         self.state = TrackState::Merged;
-        self.note_seen(true, now, raster);
+        self.note_seen(true, now);
     }
 
     /// Not seen.
@@ -177,14 +191,14 @@ impl Track {
         (self.axis, self.axis_sigma) = (self.filter.column, self.filter.sigma());
     }
 
-    fn note_seen(&mut self, moves: bool, now: Timestamp, raster: &Raster) {
+    fn note_seen(&mut self, moves: bool, now: Timestamp) {
         self.hits += 1;
         self.misses = 0;
         self.seen = now;
         if moves {
             self.moved = now;
+            self.moving_hits += 1;
         }
-        self.travelled = self.travelled.max(raster.column_difference(self.axis, self.born_at).abs());
     }
 
     /// Whether it has been seen to move by its own breadth: what has not may be the trace of somebody who left.
@@ -211,6 +225,9 @@ impl Track {
         self.votes.winner()
     }
 }
+
+/// Support below which nothing speaks for a body in a group.
+const LEAST_SUPPORT: f64 = 0.1;
 
 /// Of the axis of a body seen alone, columns: pixels, and the body itself, which sways and swings by a part of its breadth.
 pub(super) fn sigma_alone(trunk_width: f64) -> f64 {
