@@ -24,6 +24,7 @@ pub mod kernel;
 mod own_motion;
 mod raster;
 mod regions;
+mod shadow;
 
 use protocol::message::{AlarmKind, Motion};
 use protocol::time::Timestamp;
@@ -36,6 +37,7 @@ pub use regions::{MAX_RUNS, Region, group};
 use filter::Majority;
 use halo::Halo;
 use own_motion::OwnMotion;
+use shadow::Shadow;
 
 /// Most objects of one frame; the smallest are left out.
 pub const MAX_OBJECTS: usize = 128;
@@ -191,6 +193,7 @@ pub struct MotionStage {
     previous: Vec<u8>,
     anchor: Vec<u8>,
     halo: Halo,
+    shadow: Shadow,
     magnitude: Vec<u8>,
     faint: Vec<u8>,
     strong: Vec<u8>,
@@ -247,6 +250,7 @@ impl MotionStage {
             previous: Vec::new(),
             anchor: Vec::new(),
             halo: Halo::new(raster),
+            shadow: Shadow::new(raster),
             magnitude: vec![0; n],
             faint: vec![0; n],
             strong: vec![0; n],
@@ -335,6 +339,8 @@ impl MotionStage {
         }
         let share_q8 = (self.settings.halo_share * 256.0).clamp(0.0, 255.0) as u8;
         self.halo.trim(&self.magnitude, share_q8, &mut self.faint);
+        let Background { level, noise, .. } = &self.background;
+        self.shadow.remove(&self.picture, level, noise, self.gain, &mut self.faint);
         self.majority.apply(&self.faint, &mut self.mask);
         let mut regions = self.group_bodies();
         regions.retain(|r| {

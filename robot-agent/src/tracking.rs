@@ -16,6 +16,7 @@ mod group;
 mod range;
 #[cfg(test)]
 mod reality;
+mod split;
 mod track;
 mod view;
 
@@ -113,6 +114,8 @@ pub struct Tracker {
     events: Vec<AlarmKind>,
 }
 
+/// Rows a column of the most slender thing that becomes a track: people have at most nine.
+const MOST_SLENDER: f64 = 12.0;
 /// A track that has never come anywhere and does not move is none after so long, seconds.
 const STUCK_S: f64 = 2.0;
 
@@ -145,8 +148,16 @@ impl Tracker {
         for track in &mut self.tracks {
             track.predict(dt_s, &self.raster);
         }
-        let objects = self.usable_objects(scene);
-        let mut regions: Vec<Region> = objects.iter().map(|o| o.region.clone()).collect();
+        let mut objects = Vec::new();
+        let mut regions: Vec<Region> = Vec::new();
+        for object in self.usable_objects(scene) {
+            let bodies = match self.view.upright_row() {
+                Some(row) => split::split(&object.region, scene, row),
+                None => vec![object.region.clone()],
+            };
+            objects.extend(std::iter::repeat_n(object, bodies.len()));
+            regions.extend(bodies);
+        }
         let mut bodies: Vec<Body> = regions.iter().map(|r| Body::measure(r, scene)).collect();
         let looks: Vec<Appearance> = regions.iter().map(|r| Appearance::of(r, scene)).collect();
 
@@ -284,6 +295,9 @@ impl Tracker {
         // Whoever found no object of its own may be in one with somebody else, or have changed its shape.
         for t in alone.drain(..) {
             let track = &self.tracks[t];
+            if !track.has_come() {
+                continue;
+            }
             let arc = track.predicted_arc(&self.raster);
             let share = |b: &Body| {
                 let rows = (b.rows[1].min(track.rows[1]) + 1).saturating_sub(b.rows[0].max(track.rows[0]));
@@ -418,7 +432,8 @@ impl Tracker {
     }
 
     fn give_birth(&mut self, body: &Body, look: &Appearance, area: usize, now: Timestamp) {
-        if self.tracks.len() >= association::MAX_SIDE {
+        let shape = shape_of(body);
+        if self.tracks.len() >= association::MAX_SIDE || shape.h > MOST_SLENDER * shape.w {
             return;
         }
         let id = TrackId(self.next_id);

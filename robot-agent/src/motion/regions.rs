@@ -43,6 +43,20 @@ impl Region {
         Self::from_runs(runs, raster, &mut Vec::new())
     }
 
+    /// The part of a region in some of its arc's columns, counted from the arc's first; `None` where nothing is there.
+    pub fn columns(&self, columns: std::ops::Range<usize>, raster: &Raster) -> Option<Self> {
+        let mut runs = Vec::new();
+        for run in &self.runs {
+            let offset = (run.start as usize + raster.width - self.arc.start) % raster.width;
+            let from = offset.max(columns.start);
+            let to = (offset + run.len as usize).min(columns.end);
+            if from < to {
+                runs.push(Run { row: run.row, start: run.start + (from - offset) as u32, len: (to - from) as u32 });
+            }
+        }
+        (!runs.is_empty()).then(|| Self::from_runs(runs, raster, &mut Vec::new()))
+    }
+
     fn from_runs(runs: Vec<Run>, raster: &Raster, columns: &mut Vec<u8>) -> Self {
         columns.clear();
         columns.resize(raster.width, 0);

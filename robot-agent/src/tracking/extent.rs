@@ -25,7 +25,7 @@ pub struct Extent {
 }
 
 /// Rows from the border of the tested picture at which an end is cut.
-const BORDER_ROWS: usize = 3;
+pub(super) const BORDER_ROWS: usize = 3;
 /// Rows by which shadow, blur and shoes blur the lower end.
 const FOOT_SIGMA_ROWS: f64 = 2.0;
 const TOP_SIGMA_ROWS: f64 = 1.2;

@@ -187,6 +187,14 @@ fn recorded_robots_see_the_people() {
                 wanted += 1;
                 let Some(found) = *found else {
                     *missed_by.entry(p.id.clone()).or_default() += 1;
+                    if std::env::var("MISSED").is_ok() && i % 5 == 0 {
+                        eprintln!(
+                            "{robot} {i} missed {} at {:.0}° {:.1} m",
+                            p.id,
+                            bearing(p).to_degrees(),
+                            (p.x - rx).hypot(p.y - ry)
+                        );
+                    }
                     continue;
                 };
                 covered += 1;
@@ -196,6 +204,19 @@ fn recorded_robots_see_the_people() {
                 }
                 let error = difference(track.bearing_rad, bearing(p));
                 let distance = (p.x - rx).hypot(p.y - ry);
+                if std::env::var("MISSED").is_ok() && (error / track.bearing_sigma_rad).abs() > 4.0 {
+                    eprintln!(
+                        "{robot} {i} {:?} track {} of {} at {:.1} m off {:.1}° sigma {:.1}° w {} rows {:?}",
+                        track.state,
+                        track.id,
+                        p.id,
+                        distance,
+                        error.to_degrees(),
+                        track.bearing_sigma_rad.to_degrees(),
+                        track.arc.width,
+                        track.rows
+                    );
+                }
                 if track.state == TrackState::Visible {
                     errors.push((error, track.bearing_sigma_rad, t));
                     widths.push((error * distance, distance));

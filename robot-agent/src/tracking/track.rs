@@ -173,7 +173,10 @@ impl Track {
         let offset = raster.column_difference(self.filter.column, centre);
         let half = group.width as f64 / 2.0;
         self.filter.column = raster.wrap_column(centre + offset.clamp(-half, half));
-        (self.axis, self.axis_sigma) = (self.filter.column, self.filter.sigma().max(sigma_alone(self.trunk_width)));
+        // Errors in a group last as long as it does: the filter's own sigma, which trusts in their averaging, is no bound.
+        self.axis = self.filter.column;
+        self.axis_sigma =
+            self.filter.sigma().hypot(sigma_alone(self.trunk_width)).hypot((1.0 - alone) * 0.3 * self.trunk_width);
         (self.arc, self.rows) = (group, rows);
         self.group_width = group.width as f64;
         if self.merged_since.is_none() {
@@ -188,7 +191,7 @@ impl Track {
     pub(super) fn miss(&mut self) {
         self.misses += 1;
         self.state = TrackState::Hidden;
-        (self.axis, self.axis_sigma) = (self.filter.column, self.filter.sigma());
+        (self.axis, self.axis_sigma) = (self.filter.column, self.filter.sigma().hypot(0.3 * self.trunk_width));
     }
 
     fn note_seen(&mut self, moves: bool, now: Timestamp) {
