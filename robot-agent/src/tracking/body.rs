@@ -4,6 +4,7 @@
 //! too. The axis is taken from the columns of the upper part (trunk and head): each column weighs with how much it
 //! differs from the background, thin and faint columns (arms, shadows) are left out, and the rest is averaged.
 
+use super::extent::BORDER_ROWS;
 use crate::motion::{Arc, Raster, Region, Scene};
 
 /// Rows from the top that make the trunk and the head, as a share of what is seen.
@@ -27,6 +28,8 @@ pub(super) struct Body {
     pub(super) axis: f64,
     /// Columns of the trunk.
     pub(super) trunk_width: f64,
+    /// Whether it runs out of the picture above and below.
+    pub(super) both_cut: bool,
     /// Columns and bands, for telling bodies apart inside one region.
     pub(super) strip: Strip,
 }
@@ -59,9 +62,11 @@ impl Body {
             }
         }
         let offset = if sum > 0.0 { weighted / sum } else { (arc.width as f64 - 1.0) / 2.0 };
+        let rows = solid_rows(region, scene, first..last + 1);
         Self {
+            both_cut: rows[0] < BORDER_ROWS && rows[1] + BORDER_ROWS >= raster.height,
             arc: Arc { start: raster.column(arc.start, first), width: last - first + 1 },
-            rows: region.rows,
+            rows,
             axis: raster.wrap_column(arc.start as f64 + offset),
             trunk_width: trunk,
             strip: Strip::of(region, scene),
@@ -72,6 +77,36 @@ impl Body {
     pub(super) fn axis_offset(&self, raster: &Raster) -> f64 {
         raster.wrap_column(self.axis - self.strip.start as f64)
     }
+}
+
+/// First and last row of what is solid in some columns (counted from the arc's first): rows that change at least half as
+/// much as the typical one. Shadows on the floor run on below the feet, but fainter.
+pub(super) fn solid_rows(region: &Region, scene: &Scene<'_>, columns: std::ops::Range<usize>) -> [usize; 2] {
+    const SOLID: f64 = 0.5;
+    let raster = scene.raster;
+    let mut rows = vec![(0u32, 0u32); region.height()];
+    for (row, start, len) in region.spans() {
+        let offset = (start + raster.width - region.arc.start) % raster.width;
+        let (from, to) = (offset.max(columns.start), (offset + len).min(columns.end));
+        if from >= to {
+            continue;
+        }
+        let changes = &scene.magnitude[row * raster.width + start + from - offset..][..to - from];
+        let (sum, n) = &mut rows[row - region.rows[0]];
+        *sum += changes.iter().map(|&c| u32::from(c.min(FULL_CHANGE))).sum::<u32>();
+        *n += (to - from) as u32;
+    }
+    let mean = |(sum, n): &(u32, u32)| if *n == 0 { 0.0 } else { f64::from(*sum) / f64::from(*n) };
+    let mut means: Vec<f64> = rows.iter().filter(|r| r.1 > 0).map(mean).collect();
+    if means.is_empty() {
+        return region.rows;
+    }
+    let middle = means.len() / 2;
+    let (_, typical, _) = means.select_nth_unstable_by(middle, f64::total_cmp);
+    let least = SOLID * *typical;
+    let first = rows.iter().position(|r| mean(r) >= least).unwrap_or(0);
+    let last = rows.iter().rposition(|r| mean(r) >= least).unwrap_or(rows.len() - 1);
+    [region.rows[0] + first, region.rows[0] + last]
 }
 
 /// A region in columns and eight bands of the picture's rows: how full each cell is and how bright.

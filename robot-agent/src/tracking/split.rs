@@ -5,6 +5,7 @@
 //! high. The profile is cut at its deepest dip between two peaks, again and again. Only bodies whose heads or feet are seen
 //! are cut: of somebody so near that only the legs are in view, both legs are peaks.
 
+use super::body::solid_rows;
 use super::extent::BORDER_ROWS;
 use crate::motion::{Region, Scene};
 
@@ -21,8 +22,9 @@ const LEAST_ROWS: f64 = 12.0;
 
 /// The bodies of a region, left to right; the region itself where it is one. `row`: the first row below the horizon.
 pub(super) fn split(region: &Region, scene: &Scene<'_>, row: usize) -> Vec<Region> {
-    let bottom_cut = region.rows[1] + BORDER_ROWS >= scene.raster.height;
-    let top_cut = region.rows[0] < BORDER_ROWS;
+    let solid = solid_rows(region, scene, 0..region.arc.width);
+    let bottom_cut = solid[1] + BORDER_ROWS >= scene.raster.height;
+    let top_cut = solid[0] < BORDER_ROWS;
     if bottom_cut && top_cut {
         return vec![region.clone()];
     }

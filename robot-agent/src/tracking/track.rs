@@ -131,7 +131,7 @@ impl Track {
     /// Seen alone.
     pub(super) fn see(&mut self, body: &Body, appearance: &Appearance, moves: bool, now: Timestamp, raster: &Raster) {
         let split = self.state == TrackState::Merged || self.merged_since.is_some();
-        let sigma = sigma_alone(body.trunk_width);
+        let sigma = sigma_alone(body.trunk_width) * if body.both_cut { UNSURE } else { 1.0 };
         self.filter.update(body.axis, sigma, raster);
         let found = shape_of(body);
         let follow = |old: f64, new: f64| if split { new } else { old + 0.4 * (new - old) };
@@ -231,6 +231,9 @@ impl Track {
 
 /// Support below which nothing speaks for a body in a group.
 const LEAST_SUPPORT: f64 = 0.1;
+
+/// More of it where neither head nor feet are seen: legs alone, or two people so near that they look like one.
+pub(super) const UNSURE: f64 = 2.5;
 
 /// Of the axis of a body seen alone, columns: pixels, and the body itself, which sways and swings by a part of its breadth.
 pub(super) fn sigma_alone(trunk_width: f64) -> f64 {
