@@ -196,8 +196,8 @@ impl Background {
 
     /// Take the picture's levels for `len` pixels from index `start`: what stood there has left.
     pub(super) fn absorb(&mut self, picture: &[u8], start: usize, len: usize) {
-        for i in start..start + len {
-            self.level[i] = u16::from(picture[i]) << 8;
+        for (i, &gray) in picture.iter().enumerate().skip(start).take(len) {
+            self.level[i] = u16::from(gray) << 8;
             if let Some(seen) = self.seen.get_mut(i) {
                 // What was there is no background: it is not kept as a known look.
                 (*seen, self.seen_second[i], self.second_is_known[i]) = ((*seen).max(GHOST_SEEN), 0, 0);

@@ -49,7 +49,7 @@ impl Halo {
                         }
                     }
                 }
-                self.spread[cy * columns + cx] = (u16::from(most) * u16::from(share_q8) >> 8) as u8;
+                self.spread[cy * columns + cx] = ((u16::from(most) * u16::from(share_q8)) >> 8) as u8;
             }
             for (pixels, &cell) in self.row.chunks_exact_mut(CELL).zip(&self.spread[cy * columns..]) {
                 pixels.fill(cell);

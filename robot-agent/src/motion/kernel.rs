@@ -130,7 +130,7 @@ pub fn mark_difference(a: &[u8], b: &[u8], threshold: u8, out: &mut [u8]) {
 /// A grey level in 8.8 fixed point times a factor (32768 is 1), saturating. Exact for a factor of 1.
 #[inline(always)]
 fn expose(level: u8, exposure_q15: u16) -> u16 {
-    let half = (u32::from(level) << 8) * u32::from(exposure_q15) >> 16;
+    let half = ((u32::from(level) << 8) * u32::from(exposure_q15)) >> 16;
     (half.min(32767) as u16) << 1
 }
 
@@ -145,6 +145,7 @@ pub const KEEP: u8 = 2;
 /// Running average outside objects (`MATHS.md` §7.3) with a noise estimate beside it: where `how` is [`LEARN`],
 /// b += ((c<<8) − b + (1<<(k−1))) >> k and noise += (|c − b| − noise) >> `k_noise`.
 /// Where `how` is [`LEARN_SLOWLY`], both move by at most `small_step`.
+#[allow(clippy::too_many_arguments)]
 pub fn learn(
     current: &[u8],
     exposure_q15: u16,
@@ -220,7 +221,7 @@ pub fn threshold_row_sums(padded: &[u8], reach: usize, need: &[u8], out: &mut [u
 
 /// Number of ones.
 pub fn count_ones(marks: &[u8]) -> usize {
-    marks.chunks(255).map(|c| usize::from(c.iter().fold(0u8, |a, &m| a + m))).sum()
+    marks.chunks(255).map(|c| usize::from(c.iter().sum::<u8>())).sum()
 }
 
 /// Exact medians of columns of a stack (`MATHS.md` §7.2): `frames[f][i]` over f; even counts give (lower + upper + 1) >> 1.

@@ -69,7 +69,7 @@ pub fn assign(costs: &[Vec<f64>], gate: f64) -> Vec<Option<usize>> {
     const SCALE: f64 = 1e6;
     let weights = Matrix::from_fn(rows, columns + rows, |(r, c)| {
         let gain = if c < columns { gate - costs[r][c] } else { 0.0 };
-        if c < columns && !(gain > 0.0) { -1 } else { (gain * SCALE) as i64 }
+        if gain > 0.0 || c >= columns { (gain * SCALE) as i64 } else { -1 }
     });
     let (_, chosen) = kuhn_munkres(&weights);
     for (r, c) in chosen.into_iter().enumerate() {

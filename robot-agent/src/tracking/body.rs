@@ -170,6 +170,6 @@ mod tests {
             Scene { raster: &raster, picture: &mask, mask: &mask, magnitude: &magnitude, valid: &mask, objects: &[] };
         let body = Body::measure(&region, &scene);
         assert!(raster.column_difference(body.axis, 200.0).abs() < 0.6, "{}", body.axis);
-        assert_eq!(body.arc.width, 35);
+        assert_eq!((body.arc.start, body.arc.width), (190, 21));
     }
 }

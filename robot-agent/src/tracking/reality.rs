@@ -231,14 +231,14 @@ fn recorded_robots_see_the_people() {
             }
             if std::env::var("FALSE").is_ok() && i % 10 == 0 {
                 let used: Vec<usize> = matched.iter().flatten().copied().collect();
-                for (k, t) in tracks.iter().enumerate().filter(|(k, _)| !used.contains(k)) {
+                for (_, t) in tracks.iter().enumerate().filter(|(k, _)| !used.contains(k)) {
                     let nearest = people
                         .iter()
                         .map(|p| (difference(t.bearing_rad, bearing(p)).to_degrees(), p))
                         .min_by(|a, b| a.0.abs().total_cmp(&b.0.abs()))
                         .unwrap();
                     eprintln!(
-                        "{robot} {i} false {} {:?} {:?} {:.0}° w {} rows {:?}; {} off {:.1}° at {:.1} m {}",
+                        "{robot} {i} false {} {:?} {:?} {:.0}° w {} rows {:?}; {} off {:.1}° at {:.1} m",
                         t.id,
                         t.state,
                         t.class,
@@ -248,7 +248,6 @@ fn recorded_robots_see_the_people() {
                         nearest.1.id,
                         nearest.0,
                         (nearest.1.x - rx).hypot(nearest.1.y - ry),
-                        if k < 99 { "" } else { "" },
                     );
                 }
             }
