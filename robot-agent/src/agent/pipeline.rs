@@ -92,9 +92,12 @@ impl Pipeline {
         let raster = Raster { width: geometry.width() as usize, height: geometry.height() as usize, wraps: true };
         let valid: Vec<u8> = lut.valid().iter().map(|&valid| u8::from(valid)).collect();
         let [width, height] = camera.image_size_px();
+        let view = View::panorama(geometry, &camera);
+        let mut motion = settings.motion.clone();
+        motion.upright_row = motion.upright_row.or_else(|| view.upright_row());
         let mut pipeline = Self {
-            motion: MotionStage::new(raster, Some(&valid), settings.motion.clone())?,
-            tracker: Tracker::new(raster, View::panorama(geometry, &camera), settings.tracking.clone()),
+            motion: MotionStage::new(raster, Some(&valid), motion)?,
+            tracker: Tracker::new(raster, view, settings.tracking.clone()),
             markers: Vec::new(),
             peer_detector: None,
             gallery: Gallery::new(raster),
