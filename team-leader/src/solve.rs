@@ -355,9 +355,9 @@ fn sighting_terms(problem: &Problem, s: &input::Sighting, peer: usize, terms: &m
                 push(Kind::BodyPoint { at_m }, f.bearing_rad, f.sigma_rad);
                 ends(&|z_m| Kind::BodyPointElevation { at_m, z_m, camera_m }, *height_m, &mut push);
             }
-            (Marker::Rectangle { width_m, height_m, left_edge_m, behind_m, bottom_m, .. }, Part::Edge(n)) => {
-                // The plate faces forward; seen from there its right edge is on the body's left.
-                let at_m = [*behind_m, if n == 0 { *left_edge_m } else { left_edge_m - width_m }];
+            (marker @ Marker::Rectangle { height_m, bottom_m, .. }, Part::Edge(n)) => {
+                let Some(edge) = marker.edge_points().and_then(|edges| edges.get(n).copied()) else { continue };
+                let at_m = [edge.x, edge.y];
                 push(Kind::BodyPoint { at_m }, f.bearing_rad, f.sigma_rad);
                 let heights = [*bottom_m, bottom_m + height_m];
                 ends(&|z_m| Kind::BodyPointElevation { at_m, z_m, camera_m }, heights, &mut push);
