@@ -29,7 +29,7 @@ const ROBOT_M: f64 = 0.3;
 /// A robot that left its place leaves a false change there, for so long (s) and so near (m).
 const VACATED: (f64, f64) = (15.0, 0.45);
 /// How far from its axis a body reaches with arms and steps, metres.
-const BODY_REACH_M: f64 = 0.4;
+const BODY_REACH_M: f64 = 0.3;
 /// Log-likelihood of an impossible pair.
 const IMPOSSIBLE: f64 = -10.0;
 /// Log-likelihood below which no pair is believed.

@@ -595,7 +595,8 @@ impl World {
                 self.robots[k].split.remove(&n);
             }
             let share = self.settings.split;
-            if alone
+            if share > 0.0
+                && alone
                 && d < 2.5
                 && !self.robots[k].split.contains_key(&n)
                 && self.rng.random_range(0.0..1.0) < share * 0.1
