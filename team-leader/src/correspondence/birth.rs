@@ -30,6 +30,8 @@ const ROBOT_M: f64 = 0.3;
 const VACATED: (f64, f64) = (15.0, 0.45);
 /// How far from its axis a body reaches with arms and steps, metres.
 const BODY_REACH_M: f64 = 0.3;
+/// What it costs that a track shares its region with others.
+const MERGED_DOUBT: f64 = 0.5;
 /// Log-likelihood of an impossible pair.
 const IMPOSSIBLE: f64 = -10.0;
 /// Log-likelihood below which no pair is believed.
@@ -72,7 +74,7 @@ pub struct Departed {
 impl Follower {
     /// Gathers evidence for the loose tracks of this frame, and makes targets of the clear ones.
     pub(super) fn give_birth(&mut self, frame: &Frame<'_>, sights: &[Sight], calibrator: &Calibrator) {
-        let loose = |m: &&Memory| m.bound.is_none() && !m.merged && !m.peer && m.count >= LEAST_COUNT;
+        let loose = |m: &&Memory| m.bound.is_none() && !m.peer && m.count >= LEAST_COUNT;
         let present = |m: &&Memory| frame.at.seconds_since(m.last).abs() < PRESENT_S;
         let mine: Vec<Memory> = sights
             .iter()
@@ -134,6 +136,7 @@ impl Follower {
             return (IMPOSSIBLE, None);
         }
         let mut belief = -0.5 * (a.cue.cost(met.range_1_m) + b.cue.cost(met.range_2_m));
+        belief -= MERGED_DOUBT * f64::from(u8::from(a.merged) + u8::from(b.merged));
         if let (Some((ea, sa)), Some((eb, sb))) = (a.top, b.top) {
             let (za, zb) = (met.range_1_m * ea.tan(), met.range_2_m * eb.tan());
             let sigma = (met.range_1_m * sa).hypot(met.range_2_m * sb).hypot(0.1);
@@ -234,7 +237,7 @@ impl Follower {
     }
 
     fn make_target(&mut self, frame: &Frame<'_>, a: (usize, TrackId), b: (usize, TrackId), calibrator: &Calibrator) {
-        let free = |m: &&Memory| m.bound.is_none() && !m.merged && !m.peer;
+        let free = |m: &&Memory| m.bound.is_none() && !m.peer;
         let find = |key: (usize, TrackId)| self.memories.iter().find(|m| m.is(key.0, key.1)).filter(free).cloned();
         let (Some(a), Some(b)) = (find(a), find(b)) else { return };
         // `a` is the newer one: a frame of its robot is being worked on.

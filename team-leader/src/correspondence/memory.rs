@@ -39,7 +39,7 @@ pub struct Memory {
     pub cue: RangeCue,
     /// Elevation of the top and its sigma.
     pub top: Option<(f64, f64)>,
-    /// Frames in which it was seen alone.
+    /// Frames in which it was seen.
     pub count: u32,
     /// The target it is bound to.
     pub bound: Option<TargetId>,
@@ -96,7 +96,7 @@ impl Follower {
                         peer: sight.peer,
                         cue: sight.cue,
                         top: sight.top,
-                        count: u32::from(!sight.merged),
+                        count: 1,
                         bound: None,
                         hits: 0,
                         strikes: 0,
@@ -112,9 +112,9 @@ impl Follower {
             (m.last, m.bearing_rad, m.sigma_rad) = (frame.at, sight.bearing_rad, sight.sigma_rad);
             (m.half_width_rad, m.merged, m.peer) = (sight.half_width_rad, sight.merged, sight.peer);
             m.top = sight.top;
+            m.count += 1;
             if !sight.merged {
                 m.cue = sight.cue;
-                m.count += 1;
             }
         }
         let newest = self.newest;
