@@ -25,6 +25,7 @@ use crate::scenario::{Scenario, ScenarioError};
 use crate::world::robot::START_STAMP_S;
 use crate::world::{World, WorldError};
 
+mod config;
 mod truth;
 
 /// Time between two lines of truth.
@@ -124,7 +125,7 @@ fn record(args: &RecordArgs) -> Result<String, RecordError> {
     let out = &args.out;
     make_folder(out)?;
     write(&out.join("markers.json"), &json_lines([&scenario.marker()]))?;
-    write(&out.join("leader.toml"), &leader_toml(world.robots().len()))?;
+    write(&out.join("leader.toml"), &config::leader_toml(world.robots().len()))?;
     let jobs: Vec<Job> = Renderer::team(&world)
         .into_iter()
         .enumerate()
@@ -137,7 +138,7 @@ fn record(args: &RecordArgs) -> Result<String, RecordError> {
         let folder = out.join(robot.id.as_str());
         make_folder(&folder.join("frames"))?;
         write(&folder.join("camera.toml"), scenario.camera_toml().as_bytes())?;
-        write(&folder.join("agent.toml"), agent_toml(robot.id.as_str(), &scenario).as_bytes())?;
+        write(&folder.join("agent.toml"), config::agent_toml(robot.id.as_str(), &scenario).as_bytes())?;
         let mut table = String::from("file,capture_ns\n");
         for (n, capture) in captures(robot, duration_s).enumerate() {
             let name = format!("{n:06}.png");
@@ -228,35 +229,6 @@ fn json_lines<T: serde::Serialize>(values: impl IntoIterator<Item = T>) -> Vec<u
         out.push(b'\n');
     }
     out
-}
-
-fn agent_toml(id: &str, scenario: &Scenario) -> String {
-    let marker = match scenario.marker() {
-        protocol::marker::Marker::Cylinder { radius_m, height_m: [low, high], look } => {
-            let rings: Vec<String> = look
-                .iter()
-                .flat_map(|l| &l.rings)
-                .map(|r| {
-                    format!(
-                        "{{ height_m = [{:?}, {:?}], reflectance = {:?} }}",
-                        r.height_m[0], r.height_m[1], r.reflectance
-                    )
-                })
-                .collect();
-            format!(
-                "{{ kind = \"cylinder\", radius_m = {radius_m:?}, height_m = [{low:?}, {high:?}], look = {{ rings = [{}] }} }}",
-                rings.join(", ")
-            )
-        }
-        other => format!("{other:?}"),
-    };
-    format!(
-        "[robot]\nid = \"{id}\"\nteam = \"demo\"\ncamera = \"camera.toml\"\nmarker = {marker}\n\n[capture]\nsource = \"frames\"\nreplay_start = \"leader\"\n"
-    )
-}
-
-fn leader_toml(robots: usize) -> Vec<u8> {
-    format!("[leader]\nid = \"l1\"\nteam = \"demo\"\n\n[replay]\nrobots = {robots}\n").into_bytes()
 }
 
 #[cfg(test)]

@@ -2,17 +2,14 @@
 //! A camera's picture of a patch is then two look-ups.
 
 use super::light::{Lights, PerLamp};
+use super::patch::{Map, PAINT_TEXEL_M, Patch};
 use crate::world::solid::{Block, FACES};
 use crate::world::texture::Paint;
 use crate::world::vector::{Ray, V3, v3};
 use crate::world::{MAX_LAMPS, World};
 
-/// Edge of a texel of paint.
-const PAINT_TEXEL_M: f32 = 0.01;
 /// Edge of a texel of light.
 const LIGHT_TEXEL_M: f32 = 0.06;
-/// Coarser copies of the paint, each of twice the texel.
-const LEVELS: usize = 5;
 
 /// Light that leaves a surface towards the camera, by where it came from, per unit of lamp strength.
 #[derive(Debug, Clone, Copy, Default)]
@@ -38,23 +35,6 @@ impl Glow {
     pub fn total(&self, strength: &PerLamp) -> f32 {
         self.lamps.iter().zip(strength).fold(self.ambient, |sum, (lamp, strength)| sum + lamp * strength)
     }
-}
-
-#[derive(Debug)]
-struct Patch {
-    levels: Vec<Map<f32>>,
-    light: Map<Glow>,
-}
-
-/// Values on a grid over a patch.
-#[derive(Debug)]
-struct Map<T> {
-    columns: usize,
-    rows: usize,
-    /// Grid steps a metre along u and v, and the place of the first value on the grid.
-    scale: [f32; 2],
-    first: f32,
-    values: Vec<T>,
 }
 
 /// All that never moves, painted and lit.
@@ -239,20 +219,8 @@ impl Scene {
                 });
             }
         }
-        let scale = |columns: usize, rows: usize| [columns as f32 / size[0], rows as f32 / size[1]];
-        let mut levels = vec![Map { columns, rows, scale: scale(columns, rows), first: 0.5, values: finest }];
-        while levels.len() < LEVELS {
-            let coarser = levels[levels.len() - 1].halved(size);
-            levels.push(coarser);
-        }
-        let light = Map {
-            columns: light_columns,
-            rows: light_rows,
-            scale: scale(light_columns - 1, light_rows - 1),
-            first: 0.0,
-            values: light,
-        };
-        self.patches.push(Patch { levels, light });
+        let light = Map::corners(light_columns, light_rows, size, light);
+        self.patches.push(Patch::new(Map::middles(columns, rows, size, finest), light, size));
     }
 }
 
@@ -263,60 +231,4 @@ fn corner_dusk(patch: usize, u: f32, v: f32, size: [f32; 2]) -> f32 {
     }
     let near = u.min(v).min(size[0] - u).min(size[1] - v);
     1.0 - 0.35 * (-near / 0.3).exp()
-}
-
-impl Map<f32> {
-    fn halved(&self, size: [f32; 2]) -> Self {
-        let (columns, rows) = (self.columns.div_ceil(2), self.rows.div_ceil(2));
-        let at = |i: usize, j: usize| self.values[j.min(self.rows - 1) * self.columns + i.min(self.columns - 1)];
-        let values = (0..columns * rows)
-            .map(|n| {
-                let (i, j) = (2 * (n % columns), 2 * (n / columns));
-                0.25 * (at(i, j) + at(i + 1, j) + at(i, j + 1) + at(i + 1, j + 1))
-            })
-            .collect();
-        Self { columns, rows, scale: [columns as f32 / size[0], rows as f32 / size[1]], first: 0.5, values }
-    }
-}
-
-impl<T> Map<T> {
-    /// The four values round a place and their weights.
-    #[inline(always)]
-    fn around(&self, u: f32, v: f32) -> [(&T, f32); 4] {
-        let x = (u * self.scale[0] - self.first).clamp(0.0, (self.columns - 1) as f32);
-        let y = (v * self.scale[1] - self.first).clamp(0.0, (self.rows - 1) as f32);
-        let (i, j) = (x as usize, y as usize);
-        let (fx, fy) = (x - i as f32, y - j as f32);
-        let right = usize::from(i + 1 < self.columns);
-        let at = j * self.columns + i;
-        let up = if j + 1 < self.rows { at + self.columns } else { at };
-        [
-            (&self.values[at], (1.0 - fx) * (1.0 - fy)),
-            (&self.values[at + right], fx * (1.0 - fy)),
-            (&self.values[up], (1.0 - fx) * fy),
-            (&self.values[up + right], fx * fy),
-        ]
-    }
-}
-
-impl Patch {
-    #[inline(always)]
-    fn paint(&self, u: f32, v: f32, blur_m: f32) -> f32 {
-        let mut level = 0;
-        let mut texel = 1.5 * PAINT_TEXEL_M;
-        while blur_m > texel && level + 1 < LEVELS {
-            level += 1;
-            texel *= 2.0;
-        }
-        self.levels[level].around(u, v).into_iter().map(|(value, weight)| value * weight).sum()
-    }
-
-    #[inline(always)]
-    fn light_at(&self, u: f32, v: f32) -> Glow {
-        let mut glow = Glow::default();
-        for (light, weight) in self.light.around(u, v) {
-            glow.add(light, weight);
-        }
-        glow
-    }
 }

@@ -81,3 +81,39 @@ pub fn mix(x: u64) -> u64 {
     z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
     z ^ (z >> 31)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn noise_has_the_stated_deviation_and_differs_between_instants() {
+        let mut sensor = Sensor::new(0.0, 2.0, 5);
+        let light = vec![1.0; 256 * 256];
+        let (a, b) = (sensor.develop(&light, 256, 120.0, 1.0), sensor.develop(&light, 256, 120.0, 1.1));
+        let deviation = |levels: &[f64]| {
+            let mean = levels.iter().sum::<f64>() / levels.len() as f64;
+            (levels.iter().map(|g| (g - mean).powi(2)).sum::<f64>() / levels.len() as f64).sqrt()
+        };
+        let single = deviation(&a.iter().map(|g| f64::from(*g)).collect::<Vec<_>>());
+        // Rounding to whole levels adds a twelfth of a level squared.
+        assert!((single - (4.0f64 + 1.0 / 12.0).sqrt()).abs() < 0.03, "{single}");
+        let between = deviation(&a.iter().zip(&b).map(|(a, b)| f64::from(*a) - f64::from(*b)).collect::<Vec<_>>());
+        assert!((between - single * 2f64.sqrt()).abs() < 0.06, "{between}");
+    }
+
+    #[test]
+    fn a_point_of_light_is_blurred_to_the_stated_width_and_keeps_its_light() {
+        let mut light = vec![0.0; 64 * 64];
+        light[32 * 64 + 32] = 1.0;
+        let gray = Sensor::new(0.8, 0.0, 0).develop(&light, 64, 1000.0, 0.0);
+        let (mut sum, mut second) = (0.0, 0.0);
+        for (i, g) in gray.iter().enumerate() {
+            let x = i as f64 % 64.0 - 32.0;
+            sum += f64::from(*g);
+            second += f64::from(*g) * x * x;
+        }
+        assert!((sum - 1000.0).abs() < 20.0, "{sum}");
+        assert!(((second / sum).sqrt() - 0.8).abs() < 0.03, "{}", (second / sum).sqrt());
+    }
+}

@@ -1,3 +1,4 @@
+use super::still::ROBOT_KEYS;
 use super::*;
 use crate::scenario::Scenario;
 
