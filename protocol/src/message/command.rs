@@ -12,7 +12,7 @@ pub enum Command {
     RestartBackground,
     /// Forget all tracks.
     ResetTracks,
-    /// Work at most this many frames a second (0.01 to 120).
+    /// Work at most this many frames a second (1/64 to 120).
     SetFrameRate(f32),
     /// Stop publishing observations until resumed.
     Pause,
@@ -44,8 +44,8 @@ pub enum CommandReply {
     },
 }
 
-/// Slowest rate that may be asked for: a frame in 100 s.
-pub const MIN_FRAME_RATE_HZ: f32 = 0.01;
+/// Slowest rate that may be asked for: a frame in 64 s. Exact in binary, so that it is written as it is.
+pub const MIN_FRAME_RATE_HZ: f32 = 0.015_625;
 /// Fastest rate that may be asked for.
 pub const MAX_FRAME_RATE_HZ: f32 = 120.0;
 /// Most bytes of a refusal's reason.

@@ -138,7 +138,10 @@ fn record(args: &RecordArgs) -> Result<String, RecordError> {
         let folder = out.join(robot.id.as_str());
         make_folder(&folder.join("frames"))?;
         write(&folder.join("camera.toml"), scenario.camera_toml().as_bytes())?;
-        write(&folder.join("agent.toml"), config::agent_toml(robot.id.as_str(), &scenario).as_bytes())?;
+        write(
+            &folder.join("agent.toml"),
+            config::agent_toml(robot.id.as_str(), robot.clock_offset_s, &scenario).as_bytes(),
+        )?;
         let mut table = String::from("file,capture_ns\n");
         for (n, capture) in captures(robot, duration_s).enumerate() {
             let name = format!("{n:06}.png");

@@ -62,7 +62,7 @@ enum Word {
     ResetTracks,
     /// Work on at most this many frames a second.
     SetFrameRate {
-        /// 0.01 to 120.
+        /// 1/64 to 120.
         rate_hz: f32,
     },
     /// Stop publishing observations.
