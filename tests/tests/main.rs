@@ -1,5 +1,7 @@
 //! One binary for all cross-crate tests: linking zenoh once is slow enough.
 
+#![allow(clippy::unwrap_used, clippy::expect_used)]
+
 mod layout;
 mod optics;
 mod services;
