@@ -31,7 +31,8 @@ pub(super) struct Checked {
 /// Reads a configuration and opens what it names.
 pub(super) fn open(path: &Path, epoch: u64) -> Result<Checked, Failure> {
     let config = Config::read(path).map_err(Failure::usage)?;
-    let camera = MountedCamera::load(&config.camera).map_err(Failure::usage)?;
+    let of_file = |error| Failure::Usage(format!("{}: `robot.camera`: {error}", path.display()));
+    let camera = MountedCamera::load(&config.camera).map_err(of_file)?;
     let image_size_px = camera.image_size_px();
     let mut settings = AgentSettings::new(config.robot, config.marker.clone());
     settings.host = config.host.clone();
