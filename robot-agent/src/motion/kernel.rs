@@ -32,7 +32,7 @@ pub fn mark_changes(
     }
 }
 
-/// The second look of a pixel, see [`super::background`]: what is seen there besides the background, how many frames each
+/// The second look of a pixel, see `background`: what is seen there besides the background, how many frames each
 /// of the two was seen, and whether the second was the background before.
 #[derive(Debug, Clone, Copy)]
 pub struct Layers<'a> {

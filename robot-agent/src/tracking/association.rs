@@ -57,7 +57,7 @@ pub fn cost(predicted: &Shape, found: &Shape, sigmas: &ShapeSigmas, raster: &Ras
 }
 
 /// For each row of `costs` (tracks) the column (object) assigned to it; no pair costs `gate` or more. Non-finite costs never
-/// pair. Only the first [`MAX_SIDE`] rows and columns take part.
+/// pair. Only the first `MAX_SIDE` rows and columns take part.
 pub fn assign(costs: &[Vec<f64>], gate: f64) -> Vec<Option<usize>> {
     let rows = costs.len().min(MAX_SIDE);
     let columns = costs.first().map_or(0, Vec::len).min(MAX_SIDE);

@@ -7,7 +7,7 @@
 //! handedness of a triangle; where it does not, the layout is symmetric, and nothing but time (somebody moves) can tell.
 //!
 //! Algorithm: from the root outwards, place one more robot by any pair of slots of equal distance, name every slot that
-//! the placement explains, pay for each expected slot that is missing; keep the best [`BEAM`] partial namings. The
+//! the placement explains, pay for each expected slot that is missing; keep the best `BEAM` partial namings. The
 //! complete ones are solved jointly; their cost is χ² plus the price of misses and of slots left without a name. A robot
 //! is placed only where every naming within the margin of the best agrees on its pose.
 
