@@ -37,7 +37,7 @@ use crate::optics::MountedCamera;
 /// Most different looks in one team.
 pub const MAX_LOOKS: usize = 8;
 /// A full search every so many frames in [`PeerDetector::follow`]; between them only known peers are measured.
-const SEARCH_EVERY: u64 = 3;
+const SEARCH_EVERY: u64 = 5;
 /// A known peer that was not seen for so many frames is forgotten.
 const FORGET_AFTER: u64 = 5;
 
@@ -173,7 +173,7 @@ impl PeerDetector {
     }
 
     /// Like [`PeerDetector::detect`] for a stream: known peers are measured in each frame, the whole circle is searched
-    /// every third frame, or whenever a known peer is lost.
+    /// every fifth frame, or whenever a known peer is lost.
     pub fn follow(&mut self, raw: &[u8], panorama: &[u8]) -> Vec<Peer> {
         let frame = self.frames;
         self.frames += 1;

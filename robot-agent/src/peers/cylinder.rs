@@ -21,7 +21,7 @@ use crate::optics::MountedCamera;
 use protocol::message::observation::FeaturePart;
 
 /// What remains of an outline's error when noise has averaged out: shading, sampling, the lens. Pixels.
-pub const EDGE_FLOOR_PX: f64 = 0.03;
+pub const EDGE_FLOOR_PX: f64 = 0.045;
 /// The same of a ring edge's elevation. Pixels.
 pub const ELEVATION_FLOOR_PX: f64 = 0.03;
 
@@ -53,8 +53,9 @@ const HEIGHT_GATE_M: f64 = 0.01;
 const LEAST_AGREEMENT: f64 = 0.5;
 /// An outline that noise leaves more uncertain than this is none, pixels.
 const WORST_EDGE_PX: f64 = 0.5;
-/// A candidate that so many of its strips support is worth other starts, at these multiples of its range.
+/// A candidate this near that so many of its strips support is worth other starts, at these multiples of its range.
 const STRONG_SUPPORT: f64 = 0.55;
+const NEAR_M: f64 = 2.2;
 const RETRY_RANGES: [f64; 4] = [0.95, 1.05, 0.9, 1.1];
 /// A lone outline has nothing to contradict it: it may be half somebody else's. Pixels, beside noise and floor.
 const LONE_EDGE_PX: f64 = 0.12;
@@ -118,6 +119,7 @@ impl CylinderFinder {
                 range_m: *range_m,
                 support: 1.0,
                 seen_rad: [*bearing_rad; 2],
+                known: true,
             })
             .collect();
         if let Some(panorama) = panorama {
@@ -194,11 +196,18 @@ impl CylinderFinder {
             starts.push(right + half * 0.95);
             starts.push(left - half * 0.95);
         }
-        let mut best = self.best_fit(samples, starts.iter().map(|b| (*b, candidate.range_m)), hidden);
+        let mut best = self.best_fit(samples, starts.iter().map(|b| (*b, candidate.range_m)), hidden, candidate.known);
+        // The robot has moved since the last frame.
+        if candidate.known && best.as_ref().is_none_or(|fit| !self.fits(fit, camera)) {
+            best = self.best_fit(samples, starts.iter().map(|b| (*b, candidate.range_m)), hidden, false);
+        }
         // Near at hand only one ring edge is in view and the search is coarse in range.
-        if best.as_ref().is_none_or(|fit| !self.fits(fit, camera)) && candidate.support > STRONG_SUPPORT {
+        if best.as_ref().is_none_or(|fit| !self.fits(fit, camera))
+            && candidate.support > STRONG_SUPPORT
+            && candidate.range_m < NEAR_M
+        {
             let retries = RETRY_RANGES.iter().map(|ratio| (candidate.bearing_rad, candidate.range_m * ratio));
-            let retried = self.best_fit(samples, retries, hidden);
+            let retried = self.best_fit(samples, retries, hidden, false);
             best = retried.or(best);
         }
         let rings = best?;
@@ -215,10 +224,11 @@ impl CylinderFinder {
         samples: &[Sample],
         starts: impl Iterator<Item = (f64, f64)>,
         hidden: &[[f64; 2]],
+        close: bool,
     ) -> Option<RingFit> {
         let score = |fit: &RingFit| fit.visible * fit.correlation;
         starts
-            .filter_map(|start| rings::fit(samples, &self.look, start, hidden))
+            .filter_map(|start| rings::fit(samples, &self.look, start, hidden, close))
             .max_by(|a, b| score(a).total_cmp(&score(b)))
     }
 

@@ -5,7 +5,7 @@ use protocol::marker::Marker;
 use super::PeerError;
 
 /// Most rings of one look.
-pub const MAX_RINGS: usize = 16;
+pub const MAX_RINGS: usize = 8;
 /// Least difference of reflectance between two neighbouring rings that counts as an edge.
 const LEAST_STEP: f64 = 0.05;
 /// Rings may leave gaps or overlap by this much, metres.
@@ -48,7 +48,7 @@ impl CylinderLook {
             _ => return Err(PeerError::NoLook),
         };
         if rings.len() > MAX_RINGS {
-            return bad("rings", rings.len() as f64, "at most 16 rings");
+            return bad("rings", rings.len() as f64, "at most 8 rings");
         }
         let mut edges_m = vec![rings[0].height_m[0]];
         for ring in rings {

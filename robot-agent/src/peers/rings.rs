@@ -35,11 +35,13 @@ const MARGIN: f64 = 2.6;
 const LEAST_CORRELATION: f64 = 0.8;
 const ROUNDS: usize = 4;
 /// Most pixels of the first two rounds, and of the last.
-const ROUGH_PIXELS: usize = 400;
-const MOST_PIXELS: usize = 1500;
+const ROUGH_PIXELS: usize = 300;
+const MOST_PIXELS: usize = 800;
 /// A first round that ends below this is not worth a second.
 const HOPELESS_CORRELATION: f64 = 0.8;
 const HOPELESS_VISIBLE: f64 = 0.25;
+/// The same of its beginning, 3 % beside the truth.
+const HOPELESS_START: f64 = 0.12;
 const STEPS: usize = 4;
 /// Sensor noise is never taken to be below this, grey levels (rounding alone is 0.29).
 const LEAST_NOISE: f64 = 0.5;
@@ -136,8 +138,15 @@ struct Gram {
 }
 
 /// Fits the rings from a start (bearing, range to the axis). `hidden` are sectors [right, left] of bearings that nearer bodies are
-/// known to fill. `None` where the picture does not show the rings there.
-pub fn fit(samples: &[Sample], look: &CylinderLook, start: (f64, f64), hidden: &[[f64; 2]]) -> Option<RingFit> {
+/// known to fill. A `close` start (the
+/// last frame's answer) needs no search for the right valley. `None` where the picture does not show the rings there.
+pub fn fit(
+    samples: &[Sample],
+    look: &CylinderLook,
+    start: (f64, f64),
+    hidden: &[[f64; 2]],
+    close: bool,
+) -> Option<RingFit> {
     let m = SHAPE + look.reflectance.len();
     let mut state = State {
         bearing_rad: start.0,
@@ -148,7 +157,7 @@ pub fn fit(samples: &[Sample], look: &CylinderLook, start: (f64, f64), hidden: &
     };
     let mut grams: Vec<Gram> = Vec::new();
     let mut result = None;
-    for round in 0..ROUNDS {
+    for round in if close { 2 } else { 0 }..ROUNDS {
         // The first round starts up to 3 % off: a wide blur takes it into the right valley.
         let blunt = if round == 0 { 1.6 } else { 0.0 };
         let most = if round < 2 { ROUGH_PIXELS } else { MOST_PIXELS };
@@ -157,6 +166,10 @@ pub fn fit(samples: &[Sample], look: &CylinderLook, start: (f64, f64), hidden: &
         for step in 0..STEPS {
             accumulate(samples, &pixels, columns, look, &state, blunt, &mut grams);
             let shown = judge(&grams, 2 + m, round);
+            // Most candidates show no ring at all.
+            if round == 0 && step == 0 && shown.visible < HOPELESS_START {
+                return None;
+            }
             let solved = solve(&grams, &shown.columns, &state, look, m, BEND_HELD)?;
             let free = !(round == 0 && step < 2);
             let scale = if free { 1.0 } else { 0.7 };

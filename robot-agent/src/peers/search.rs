@@ -66,6 +66,8 @@ pub struct Candidate {
     pub support: f64,
     /// Bearings [right, left] between which strips vote, radians.
     pub seen_rad: [f64; 2],
+    /// Measured in the last frame: the place is right to a fraction of a pixel if the robot still stands.
+    pub known: bool,
 }
 
 #[derive(Debug)]
@@ -186,6 +188,7 @@ impl Search {
             range_m: level.range_m,
             support: f64::from(support),
             seen_rad: [bearing((u as i64 + last) as f64), bearing((u as i64 + first) as f64)],
+            known: false,
         }
     }
 }

@@ -159,6 +159,11 @@ impl Scene {
         Scene { pillars, walls_m, lamps, ambient: 0.25, seed, clutter }
     }
 
+    /// The same room with its walls about this far away, metres.
+    pub fn with_walls(self, m: f64) -> Self {
+        Scene { walls_m: [m, m + 0.3, m - 0.1, m + 0.1], ..self }
+    }
+
     fn light(&self, p: [f64; 3], n: [f64; 3]) -> f64 {
         let mut e = self.ambient;
         for lamp in &self.lamps {

@@ -29,8 +29,7 @@ fn detector() -> PeerDetector {
 
 /// Sees robots at (bearing, range) in a room with whatever else `others` holds.
 fn sighted(seed: u64, robots: &[(f64, f64)], others: Vec<test_scene::Pillar>) -> Vec<Peer> {
-    let mut scene = Scene::room(seed, 1.0);
-    scene.walls_m = [6.5, 6.8, 6.4, 6.6];
+    let mut scene = Scene::room(seed, 1.0).with_walls(6.5);
     scene.pillars = others;
     for (bearing, range) in robots {
         scene.pillars.extend(test_scene::robot(range * bearing.cos(), range * bearing.sin()));
@@ -113,6 +112,23 @@ fn a_sighting_carries_the_features_right_first_with_elevations_once() {
     assert_eq!(parts, [FeaturePart::Right, FeaturePart::Left]);
     assert!(sighting.features[0].elevation.is_some() && sighting.features[1].elevation.is_none());
     assert!(sighting.features[0].sigma.value() >= peers[0].features[0].sigma_rad);
+}
+
+#[test]
+fn following_a_stream_measures_as_single_pictures_do_and_predicts_nothing() {
+    let scene = Scene::room(17, 0.5).with_walls(6.5);
+    let scene = Scene { pillars: test_scene::robot(2.0, 1.0), ..scene };
+    let (mut single, mut stream) = (detector(), detector());
+    for frame in 0..4 {
+        let raw = scene.picture(2.0, frame);
+        let panorama = test_scene::panorama(&raw);
+        for peers in [single.detect(&raw, &panorama), stream.follow(&raw, &panorama)] {
+            assert_eq!(peers.len(), 1, "frame {frame}");
+            assert_consistent(&peers[0], 1.0_f64.atan2(2.0), 5.0_f64.sqrt());
+        }
+    }
+    let empty = vec![0; test_scene::WIDTH * test_scene::HEIGHT];
+    assert_eq!(stream.follow(&empty, &test_scene::panorama(&empty)), vec![], "a robot that is gone is not predicted");
 }
 
 #[test]
