@@ -44,6 +44,8 @@ const CONFIRMED_UPDATES: u32 = 6;
 const TOP_FLOOR_VAR: f64 = 0.0016;
 /// A frame never counts for less than this part of a frame with an error of its own.
 const MOST_REPEAT: f64 = 2.5;
+/// A frame in which others share the region counts for less.
+const MERGED_REPEAT: f64 = 6.0;
 /// A target counts as seen by a robot for so long after its last bearing, seconds.
 pub const OBSERVED_S: f64 = 0.35;
 
@@ -106,6 +108,8 @@ struct Sight {
     sigma_rad: f64,
     half_width_rad: f64,
     merged: bool,
+    /// Its bearing is that of a region that it shares with others (they have the same), not its own.
+    region: bool,
     cue: RangeCue,
     /// Elevation of the top and its sigma, where it is seen.
     top: Option<(f64, f64)>,
@@ -166,7 +170,7 @@ impl Follower {
         self.remember(frame, &sights);
         let assigned = self.assign(frame, &sights, calibrator);
         for (sight, target) in sights.iter().zip(&assigned) {
-            if let Some(t) = target.filter(|_| !sight.merged) {
+            if let Some(t) = target.filter(|_| !sight.region) {
                 self.measure(frame, sight, t, calibrator);
             }
         }
@@ -185,13 +189,18 @@ impl Follower {
                 let width = t.width.rad().abs();
                 let sigma = t.bearing_sigma.value().max(1e-4);
                 let bearing_rad = t.bearing.rad();
+                let region = merged
+                    && frame.tracks.iter().any(|o| {
+                        o.track != t.track && o.state == t.state && (o.bearing, o.width) == (t.bearing, t.width)
+                    });
                 let seen_top = t.ends[1] == protocol::message::ElevationEnd::Seen && !merged;
                 Sight {
                     track: t.track,
                     bearing_rad,
-                    sigma_rad: if merged { sigma.max(MERGED_SPREAD * width) } else { sigma },
+                    sigma_rad: if region { sigma.max(MERGED_SPREAD * width) } else { sigma },
                     half_width_rad: 0.5 * width,
                     merged,
+                    region,
                     cue: RangeCue::of(t, frame.camera, self.config.person_height_m),
                     top: seen_top
                         .then(|| (t.elevation[1].rad(), t.elevation_sigma.value().hypot(frame.camera.tilt_sigma_rad))),
@@ -236,9 +245,13 @@ impl Follower {
             return;
         }
         let followed_alone = self.is_seen_by_one(t, frame);
-        let repeat = self.repeat(t, frame);
+        // Errors in a group last as long as it does.
+        let repeat = if sight.merged { MERGED_REPEAT } else { self.repeat(t, frame) };
         let m = self.bearing(frame, sight, range_m, repeat);
         self.use_bearing(t, &m);
+        if sight.merged {
+            return;
+        }
         let followed = &mut self.targets[t];
         if followed.target.sigma_m() < 0.2 && sight.half_width_rad > 0.0 {
             followed.half_width_m +=

@@ -34,7 +34,7 @@ impl Follower {
         calibrator: &Calibrator,
     ) {
         let mut done: Vec<(i64, i64)> = Vec::new();
-        for (k, sight) in sights.iter().enumerate().filter(|(_, s)| s.merged) {
+        for (k, sight) in sights.iter().enumerate().filter(|(_, s)| s.region) {
             // Members of one region have its bearing and its width.
             let key = |s: &Sight| ((s.bearing_rad * 1e4).round() as i64, (s.half_width_rad * 1e4).round() as i64);
             if assigned[k].is_none() || done.contains(&key(sight)) {
@@ -42,7 +42,7 @@ impl Follower {
             }
             done.push(key(sight));
             let members: Vec<usize> =
-                (0..sights.len()).filter(|&o| sights[o].merged && key(&sights[o]) == key(sight)).collect();
+                (0..sights.len()).filter(|&o| sights[o].region && key(&sights[o]) == key(sight)).collect();
             let inside: Vec<Inside> =
                 members.iter().filter_map(|&o| assigned[o]).map(|t| self.predict_inside(frame, t)).collect();
             for &o in &members {

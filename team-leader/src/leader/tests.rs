@@ -36,6 +36,13 @@ fn the_default_team_meets_its_limits() {
 }
 
 #[test]
+fn regions_that_nobody_took_apart_measure_by_their_ends() {
+    let score = run(&Settings { regions: true, ..Settings::default() }, 4);
+    println!("all: {score}");
+    assert!(score.coverage() > 0.93 && score.targets_m() < 0.15 && score.id_switches <= 3, "{score}");
+}
+
+#[test]
 fn clutter_and_people_in_pieces_do_not_make_people() {
     let mut total = Score::default();
     for seed in std::env::var("ONE").map_or(40..43, |s| s.parse().unwrap()..1 + s.parse::<u64>().unwrap()) {

@@ -34,6 +34,8 @@ pub struct Settings {
     pub sway_m: f64,
     pub sway_memory_s: f64,
     pub white_deg: f64,
+    /// Objects in one region have the region's bearing and width, instead of their own as well as it goes.
+    pub regions: bool,
     /// How many things a robot follows that are nobody: shadows, ghosts, flicker.
     pub clutter: usize,
     /// Share of the time in which a near person falls into two tracks.
@@ -57,6 +59,7 @@ impl Default for Settings {
             sway_m: 0.03,
             sway_memory_s: 0.25,
             white_deg: 0.15,
+            regions: false,
             clutter: 0,
             split: 0.0,
             names: vec!["r1", "r2", "r3", "r4", "r5"],
@@ -532,14 +535,20 @@ impl World {
             let sway = if n < 100 { self.robots[k].sway[n] / d } else { 0.0 };
             let mut bearing = b + sway + normal(&mut self.rng, white);
             let mut width = 2.0 * half;
-            if merged {
+            let mut sigma = white.hypot(self.settings.sway_m / d);
+            if merged && !speaks && !self.settings.regions {
+                // Taken apart as well as it goes; the error lasts.
+                sigma = sigma.hypot(0.4 * half);
+                bearing += 0.4 * half * self.robots[k].sway.get(n).map_or(0.0, |s| s / self.settings.sway_m);
+            } else if merged {
                 let offsets = things
                     .iter()
                     .filter(|o| group.contains(&o.0))
                     .flat_map(|o| [wrapped(o.1 - b) - o.3, wrapped(o.1 - b) + o.3]);
                 let (low, high) = offsets.fold((f64::MAX, f64::MIN), |(l, h), x| (l.min(x), h.max(x)));
-                bearing = b + 0.5 * (low + high) + normal(&mut self.rng, white);
+                bearing = b + 0.5 * (low + high);
                 width = high - low;
+                sigma = sigma.max(0.3 * width);
             }
             let (bottom, top) = ((-15f64).to_radians(), 20f64.to_radians());
             let low = (-0.6 / d).atan() + normal(&mut self.rng, 0.005);
@@ -549,7 +558,7 @@ impl World {
                 track: TrackId(entry.0),
                 state: if merged && !speaks { TrackState::Merged } else { TrackState::Visible },
                 bearing: Angle16::from_rad(bearing),
-                bearing_sigma: LogSigma::from_value(white.hypot(self.settings.sway_m / d)),
+                bearing_sigma: LogSigma::from_value(sigma),
                 elevation: [Angle16::from_rad(low.max(bottom)), Angle16::from_rad(high.min(top))],
                 elevation_sigma: LogSigma::from_value(0.005),
                 ends: [end(low < bottom), end(high > top)],
