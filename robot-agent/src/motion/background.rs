@@ -165,23 +165,25 @@ impl Background {
             kernel::learn(picture, exposure_q15, how, shift, shift + 1, small_step, &mut self.level, &mut self.noise);
         }
         if self.ready && !self.second.is_empty() {
-            // Where somebody is followed time goes slower: whoever stops stays an object, a ghost that is taken for
-            // somebody still goes.
+            // Half of the picture a frame, for the processor's sake. Where somebody is followed time goes slower: whoever
+            // stops stays an object, a ghost that is taken for somebody still goes.
             self.arrived += 1;
-            let also_kept = self.arrived.is_multiple_of(KEPT_SLOWNESS);
+            let also_kept = (self.arrived / 2).is_multiple_of(KEPT_SLOWNESS);
+            let middle = picture.len() / 2;
+            let half = if self.arrived.is_multiple_of(2) { 0..middle } else { middle..picture.len() };
             kernel::count_looks(
-                picture,
+                &picture[half.clone()],
                 exposure_q15,
-                how,
-                &self.noise,
+                &how[half.clone()],
+                &self.noise[half.clone()],
                 also_kept,
                 MOST_SEEN,
                 LEAD,
-                &mut self.level,
-                &mut self.second,
-                &mut self.seen,
-                &mut self.seen_second,
-                &mut self.second_is_known,
+                &mut self.level[half.clone()],
+                &mut self.second[half.clone()],
+                &mut self.seen[half.clone()],
+                &mut self.seen_second[half.clone()],
+                &mut self.second_is_known[half],
             );
         }
     }
@@ -206,16 +208,16 @@ impl Background {
     }
 }
 
-/// What a bootstrap counts for, frames: something else that stays for a second replaces it.
-const BOOTSTRAP_SEEN: u8 = 6;
+/// What a bootstrap counts for, in pairs of frames as all counts here: something else that stays for a second replaces it.
+const BOOTSTRAP_SEEN: u8 = 3;
 /// What a background counts for that was found by removing a ghost.
-const GHOST_SEEN: u8 = 20;
-/// Most frames counted: half a minute at 8 Hz.
-const MOST_SEEN: u8 = 250;
-/// Frames by which the second look must have been seen longer.
-const LEAD: u8 = 3;
+const GHOST_SEEN: u8 = 10;
+/// Most pairs counted: half a minute at 10 Hz.
+const MOST_SEEN: u8 = 150;
+/// Pairs by which the second look must have been seen longer.
+const LEAD: u8 = 2;
 
-/// Frames count once in so many where somebody is followed.
+/// Pairs count once in so many where somebody is followed.
 const KEPT_SLOWNESS: usize = 3;
 
 /// How fast a background follows, a frame.

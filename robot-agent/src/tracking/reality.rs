@@ -106,7 +106,7 @@ fn recorded_robots_see_the_people() {
         let mut ranges: Vec<(f64, f64, f64)> = Vec::new();
         let mut widths: Vec<(f64, f64)> = Vec::new();
         let mut names: std::collections::BTreeMap<String, TrackId> = Default::default();
-        let mut spent = [0.0f64; 4];
+        let mut spent = [f64::INFINITY; 4];
         let mut motions = String::new();
         let mut missed_by: std::collections::BTreeMap<String, u32> = Default::default();
         let limit = std::env::var("LIMIT").map_or(usize::MAX, |v| v.parse().unwrap());
@@ -127,8 +127,12 @@ fn recorded_robots_see_the_people() {
                 laps.push(clock.elapsed().as_secs_f64());
             }
             laps.push(clock.elapsed().as_secs_f64());
-            for k in 0..4 {
-                spent[k] += laps[k] - if k > 0 { laps[k - 1] } else { 0.0 };
+            if change.background == BackgroundState::Ready {
+                for k in 0..4 {
+                    // The least over the frames: other programs run beside.
+                    let lap = laps[k] - if k > 0 { laps[k - 1] } else { 0.0 };
+                    spent[k] = spent[k].min(lap);
+                }
             }
             motions.push(match change.motion {
                 protocol::message::Motion::Standing => '.',
@@ -284,14 +288,14 @@ fn recorded_robots_see_the_people() {
         let range_pairs: Vec<(f64, f64)> = ranges.iter().map(|(e, s, _)| (*e, *s)).collect();
         let range_mean = range_pairs.iter().map(|e| e.0).sum::<f64>() / range_pairs.len().max(1) as f64;
         eprintln!(
-            "{robot}: {} ranges, rms {:.2} m mean {range_mean:.2} m NEES {:.2}; ms a frame: change {:.2} extract {:.2} track {:.2} learn {:.2}",
+            "{robot}: {} ranges, rms {:.2} m mean {range_mean:.2} m NEES {:.2}; least ms a frame: change {:.2} extract {:.2} track {:.2} learn {:.2}",
             ranges.len(),
             rms(&range_pairs.iter().map(|e| e.0).collect::<Vec<_>>()),
             nees(&range_pairs),
-            spent[0] * 1e3 / frames.len() as f64,
-            spent[1] * 1e3 / frames.len() as f64,
-            spent[2] * 1e3 / frames.len() as f64,
-            spent[3] * 1e3 / frames.len() as f64,
+            spent[0] * 1e3,
+            spent[1] * 1e3,
+            spent[2] * 1e3,
+            spent[3] * 1e3,
         );
     }
 }

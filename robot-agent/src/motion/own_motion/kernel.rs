@@ -99,8 +99,9 @@ pub(super) fn accumulate(
     if n < 3 {
         return;
     }
-    let [w_, p_, x_, y_, r_, pp, px, py, pr, xx, xy, xr, yy, yr, rr] = &mut sums.columns;
-    let (above, below, picture, valid) = (&above[..n], &below[..n], &picture[..n], &valid[..n]);
+    // Slices of one known length: without bounds checks the loop vectorises.
+    let [w_, p_, x_, y_, r_, pp, px, py, pr, xx, xy, xr, yy, yr, rr] = sums.columns.each_mut().map(|c| &mut c[..n]);
+    let (above, row, below, picture, valid) = (&above[..n], &row[..n], &below[..n], &picture[..n], &valid[..n]);
     let mut add = |i: usize, left: u8, right: u8| {
         let w = f32::from(valid[i]);
         let p = w * (f32::from(row[i]) - 128.0);
