@@ -31,7 +31,7 @@ async fn an_agent_whose_leader_is_away_works_on_and_joins_when_it_comes_and_come
     let running = start(agent("r1", 1), Box::new(Camera::counting(taken.clone())), &endpoint);
     timeout(LIMIT, async {
         while taken.load(Ordering::Relaxed) < 5 {
-            tokio::task::yield_now().await
+            tokio::task::yield_now().await;
         }
     })
     .await
@@ -64,7 +64,7 @@ async fn an_agent_whose_leader_never_comes_works_and_stops_when_it_is_asked() {
     let running = start(agent("r1", 1), Box::new(Camera::counting(taken.clone())), &format!("tcp/{nobody}"));
     timeout(LIMIT, async {
         while taken.load(Ordering::Relaxed) < 5 {
-            tokio::task::yield_now().await
+            tokio::task::yield_now().await;
         }
     })
     .await
