@@ -260,9 +260,11 @@ impl Agent {
 fn summary(settings: &AgentSettings, camera: &MountedCamera) -> Result<CameraSummary, AgentError> {
     let mounting = camera.mounting();
     let [roll, pitch, _] = mounting.sigma.rotation_rpy_rad;
+    mounting.height_m().ok_or(AgentError::NoHeight)?;
     Ok(CameraSummary {
         model: camera.camera().model().to_owned(),
-        height_m: mounting.height_m().ok_or(AgentError::NoHeight)?,
+        // Where the bearings come from: some millimetres above the lens's focus that the mounting measures.
+        height_m: camera.viewpoint_body_m().z,
         height_sigma_m: mounting.sigma.position_m.z,
         tilt_sigma_rad: roll.max(pitch),
         elevation_rad: camera.camera().elevation_rad(),

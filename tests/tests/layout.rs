@@ -90,8 +90,8 @@ fn sources(folder: &str, names: &[&str]) -> Vec<PathBuf> {
 fn collect(folder: &Path, found: &mut Vec<PathBuf>) {
     let Ok(entries) = fs::read_dir(folder) else { return };
     for path in entries.map(|entry| entry.unwrap().path()) {
-        // Tests draw noise; they are no part of a core.
-        if path.file_stem().is_some_and(|stem| stem == "tests") {
+        // Tests draw noise and look at the clock; they are no part of a core.
+        if path.file_stem().is_some_and(|stem| stem == "tests" || stem == "reality") {
             continue;
         }
         if path.is_dir() {
