@@ -91,7 +91,7 @@ pub struct CalibrationConfig {
 impl Default for CalibrationConfig {
     fn default() -> Self {
         Self {
-            floor_fraction: 0.4,
+            floor_fraction: 0.5,
             bearing_floor_rad: 5e-5,
             width_floor_rad: 1e-4,
             common_width_rad: 1e-4,
