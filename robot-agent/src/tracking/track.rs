@@ -72,7 +72,7 @@ impl Track {
             id,
             confirmed: false,
             state: TrackState::Visible,
-            filter: AxisFilter::new(body.axis, sigma_alone(body.trunk_width), 2.0 * body.trunk_width),
+            filter: AxisFilter::new(body.axis, sigma_alone(body.trunk_width, shape_of(body).h), 2.0 * body.trunk_width),
             shape: Shape { x: 0.0, y: 0.0, w: 1.0, h: 1.0 },
             arc: body.arc,
             rows: body.rows,
@@ -81,7 +81,7 @@ impl Track {
             axis_offset: body.axis_offset(raster),
             appearance,
             axis: body.axis,
-            axis_sigma: sigma_alone(body.trunk_width),
+            axis_sigma: sigma_alone(body.trunk_width, shape_of(body).h),
             extent: None,
             votes: Votes::default(),
             hits: 1,
@@ -131,7 +131,7 @@ impl Track {
     /// Seen alone.
     pub(super) fn see(&mut self, body: &Body, appearance: &Appearance, moves: bool, now: Timestamp, raster: &Raster) {
         let split = self.state == TrackState::Merged || self.merged_since.is_some();
-        let sigma = sigma_alone(body.trunk_width) * if body.both_cut { UNSURE } else { 1.0 };
+        let sigma = sigma_alone(body.trunk_width, shape_of(body).h) * if body.both_cut { UNSURE } else { 1.0 };
         self.filter.update(body.axis, sigma, raster);
         let found = shape_of(body);
         let follow = |old: f64, new: f64| if split { new } else { old + 0.4 * (new - old) };
@@ -166,7 +166,7 @@ impl Track {
         if support > LEAST_SUPPORT {
             self.supported = now;
         }
-        let sigma = sigma_alone(self.trunk_width).hypot((1.0 - alone) * 0.5 * self.trunk_width);
+        let sigma = (2.0 * sigma_alone(self.trunk_width, self.shape.h)).hypot((1.0 - alone) * 0.5 * self.trunk_width);
         self.filter.update(axis, sigma, raster);
         // Nobody is outside of the group.
         let centre = group.centre();
@@ -175,8 +175,11 @@ impl Track {
         self.filter.column = raster.wrap_column(centre + offset.clamp(-half, half));
         // Errors in a group last as long as it does: the filter's own sigma, which trusts in their averaging, is no bound.
         self.axis = self.filter.column;
-        self.axis_sigma =
-            self.filter.sigma().hypot(sigma_alone(self.trunk_width)).hypot((1.0 - alone) * 0.3 * self.trunk_width);
+        self.axis_sigma = self
+            .filter
+            .sigma()
+            .hypot(2.0 * sigma_alone(self.trunk_width, self.shape.h))
+            .hypot((1.0 - alone) * 0.3 * self.trunk_width);
         (self.arc, self.rows) = (group, rows);
         self.group_width = group.width as f64;
         if self.merged_since.is_none() {
@@ -236,8 +239,12 @@ const LEAST_SUPPORT: f64 = 0.1;
 pub(super) const UNSURE: f64 = 2.5;
 
 /// Of the axis of a body seen alone, columns: pixels, and the body itself, which sways and swings by a part of its breadth.
-pub(super) fn sigma_alone(trunk_width: f64) -> f64 {
-    0.5f64.hypot(0.06 * trunk_width)
+/// What is far too slender for its height (rows) is a part of a body, and its axis may be beside it.
+pub(super) fn sigma_alone(trunk_width: f64, height: f64) -> f64 {
+    const BREADTH: f64 = 0.12;
+    let body = trunk_width.max(BREADTH * height);
+    let part = (BREADTH * height - trunk_width).max(0.0);
+    0.5f64.hypot(0.07 * body).hypot(0.5 * part)
 }
 
 pub(super) fn shape_of(body: &Body) -> Shape {
