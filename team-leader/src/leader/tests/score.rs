@@ -108,24 +108,6 @@ impl Score {
             } else {
                 (&mut self.standing, &mut self.standing_turn)
             };
-            if std::env::var("ROVER").is_ok()
-                && world.drives(k)
-                && t > 19.0
-                && t < 33.0
-                && ((t * 10.0) as u64).is_multiple_of(3)
-            {
-                println!(
-                    "t {t:.2} {} e {:.3} {:.3} turn {:.3}° sigma {:.3} {:.3} {:.3}° moving {}",
-                    robot.id,
-                    e.x,
-                    e.y,
-                    turn.to_degrees(),
-                    cov[(0, 0)].sqrt(),
-                    cov[(1, 1)].sqrt(),
-                    cov[(2, 2)].sqrt().to_degrees(),
-                    robot.moving
-                );
-            }
             place.add(e.norm_squared());
             heading.add(turn * turn);
             if nees_now {
