@@ -11,9 +11,12 @@ mod track;
 mod unwarp;
 
 use std::io::{self, Write};
+use std::path::Path;
 use std::process::ExitCode;
 
 use clap::{Parser, Subcommand, ValueEnum};
+use robot_agent::capture::{self, CaptureOptions, FrameSource};
+use robot_agent::optics::MountedCamera;
 use tracing_subscriber::EnvFilter;
 
 /// One robot's vision: unwarps its 360° picture, follows what moves, sees its fellow robots, publishes bearings.
@@ -100,4 +103,28 @@ pub fn main() -> ExitCode {
     // Nothing can be done where standard error is closed, too.
     let _ = writeln!(io::stderr(), "error: {message}");
     ExitCode::from(code)
+}
+
+/// A frame rate that the command line gives for an input without times.
+fn check_frame_rate(frame_rate_hz: Option<f64>) -> Result<(), Failure> {
+    match frame_rate_hz {
+        Some(rate) if !(rate > 0.0 && rate <= 1000.0) => {
+            Err(Failure::usage(format!("--frame-rate-hz {rate}: must be above 0 and at most 1000")))
+        }
+        _ => Ok(()),
+    }
+}
+
+/// The frames of an input for this camera; what its reader has to remark goes to the log.
+fn open_frames(
+    input: &Path,
+    camera: &MountedCamera,
+    frame_rate_hz: Option<f64>,
+) -> Result<Box<dyn FrameSource>, Failure> {
+    let options = CaptureOptions { image_size_px: Some(camera.image_size_px()), frame_rate_hz, first_capture: None };
+    let source = capture::open(input, options).map_err(Failure::job)?;
+    for remark in source.remarks() {
+        tracing::warn!("{remark}");
+    }
+    Ok(source)
 }

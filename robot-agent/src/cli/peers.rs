@@ -5,13 +5,12 @@ use std::path::{Path, PathBuf};
 
 use protocol::marker::Marker;
 use protocol::message::observation::FeaturePart;
-use robot_agent::capture::{self, CaptureOptions};
 use robot_agent::optics::MountedCamera;
 use robot_agent::panorama::{Lut, PanoramaGeometry};
 use robot_agent::peers::{Grid, Peer, PeerDetector, PeerFeature};
 use serde_json::{Value, json};
 
-use super::Failure;
+use super::{Failure, check_frame_rate, open_frames};
 
 /// Finds fellow robots in recorded frames by their announced look: one JSON line a frame on standard output. Every frame is
 /// searched by itself.
@@ -32,11 +31,7 @@ pub(super) struct Arguments {
 
 /// Runs the command.
 pub(super) fn execute(arguments: &Arguments) -> Result<(), Failure> {
-    if let Some(rate) = arguments.frame_rate_hz
-        && !(rate > 0.0 && rate <= 1000.0)
-    {
-        return Err(Failure::usage(format!("--frame-rate-hz {rate}: must be above 0 and at most 1000")));
-    }
+    check_frame_rate(arguments.frame_rate_hz)?;
     let camera = MountedCamera::load(&arguments.camera).map_err(Failure::usage)?;
     let markers = load_markers(&arguments.markers)?;
     let geometry = PanoramaGeometry::for_camera(&camera).map_err(Failure::usage)?;
@@ -55,15 +50,7 @@ pub(super) fn execute(arguments: &Arguments) -> Result<(), Failure> {
         )));
     }
     let lut = Lut::panorama(&camera, &geometry);
-    let options = CaptureOptions {
-        image_size_px: Some(camera.image_size_px()),
-        frame_rate_hz: arguments.frame_rate_hz,
-        first_capture: None,
-    };
-    let mut source = capture::open(&arguments.input, options).map_err(Failure::job)?;
-    for remark in source.remarks() {
-        tracing::warn!("{remark}");
-    }
+    let mut source = open_frames(&arguments.input, &camera, arguments.frame_rate_hz)?;
     let mut panorama = vec![0; geometry.pixels()];
     let mut output = io::stdout().lock();
     let (mut index, mut first, mut bad) = (0u64, None, 0u64);

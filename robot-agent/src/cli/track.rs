@@ -7,7 +7,6 @@ use indicatif::{ProgressBar, ProgressStyle};
 use protocol::message::{ElevationEnd, TrackState};
 use protocol::time::Timestamp;
 use robot_agent::agent::Frame;
-use robot_agent::capture::{self, CaptureOptions};
 use robot_agent::motion::{BackgroundState, Change, MotionSettings, MotionStage, Raster};
 use robot_agent::optics::MountedCamera;
 use robot_agent::panorama::{Lut, PanoramaGeometry};
@@ -15,7 +14,7 @@ use robot_agent::picture::{Gallery, encode_jpeg, encode_png};
 use robot_agent::tracking::{TrackView, Tracker, TrackerSettings, View};
 use serde_json::{Value, json};
 
-use super::Failure;
+use super::{Failure, check_frame_rate, open_frames};
 
 /// Follows what moves in recorded frames: one JSON line a frame on standard output, pictures to a folder. Nothing is skipped.
 #[derive(Debug, clap::Args)]
@@ -42,21 +41,9 @@ pub(super) struct Arguments {
 
 /// Runs the command.
 pub(super) fn execute(arguments: &Arguments) -> Result<(), Failure> {
-    if let Some(rate) = arguments.frame_rate_hz
-        && !(rate > 0.0 && rate <= 1000.0)
-    {
-        return Err(Failure::usage(format!("--frame-rate-hz {rate}: must be above 0 and at most 1000")));
-    }
+    check_frame_rate(arguments.frame_rate_hz)?;
     let camera = MountedCamera::load(&arguments.camera).map_err(Failure::usage)?;
-    let options = CaptureOptions {
-        image_size_px: Some(camera.image_size_px()),
-        frame_rate_hz: arguments.frame_rate_hz,
-        first_capture: None,
-    };
-    let mut source = capture::open(&arguments.input, options).map_err(Failure::job)?;
-    for remark in source.remarks() {
-        tracing::warn!("{remark}");
-    }
+    let mut source = open_frames(&arguments.input, &camera, arguments.frame_rate_hz)?;
     let mut pipeline = Offline::new(camera, arguments.may_drive)?;
     if let Some(dir) = &arguments.out {
         create_folder(&dir.join("mask"))?;
