@@ -7,21 +7,34 @@
 //! body frame ──[Mounting]──▶ camera frame ──[mirrored]──▶ Camera::project ──▶ pixel
 //! ```
 
+pub mod axial;
 mod camera_file;
+pub mod fisheye;
+pub mod jacobian;
 #[cfg(test)]
 mod laws;
+mod lens_distortion;
 mod mounted;
 mod mounting;
 pub mod pal;
+pub mod parameter;
 pub mod pinhole;
+pub mod polynomial;
+pub mod unified_sphere;
 
-use nalgebra::{Vector2, Vector3};
+use std::sync::Arc;
 
-pub use camera_file::{CameraFile, SUPPORTED_MODELS};
+use nalgebra::{Matrix2x3, Vector2, Vector3};
+
+pub use camera_file::{CameraFile, MODELS, camera_toml};
+pub use fisheye::{Fisheye, FisheyeLaw, FisheyeParameters};
 pub use mounted::{Mask, MountedCamera, Resolution, Timing};
 pub use mounting::{Mounting, MountingSigma};
 pub use pal::{Pal, PalDesign};
-pub use pinhole::Pinhole;
+pub use parameter::{Parameter, ParameterError};
+pub use pinhole::{Pinhole, PinholeParameters};
+pub use polynomial::{Polynomial, PolynomialParameters};
+pub use unified_sphere::{UnifiedSphere, UnifiedSphereParameters};
 
 /// What a pixel sees: a half-line, in metres.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -32,11 +45,14 @@ pub struct Ray {
     pub direction: Vector3<f64>,
 }
 
-/// A camera model without its mounting. Points are in the camera's frame: origin V of `MATHS.md` §3 for the PAL, the
-/// viewpoint of a central camera; axes as the body's (x forward, y left, z up). Pixels have their centres at integers.
+/// A camera model without its mounting. Points are in the camera's frame: origin V of `MATHS.md` §3 for the PALs, the
+/// viewpoint of a central camera, the mirror's apex or centre of the others; axes as the body's (x forward, y left,
+/// z up). Cameras with an axis of symmetry have it along z and look up: u runs along x and v along y. Only the pinhole
+/// looks along x. Pixels have their centres at integers.
 ///
 /// The domain is the same in all directions: a pixel belongs to it iff it is in the picture (−½ … size−½) and its ray
-/// is one the model describes; a point iff its pixel does.
+/// is one the model describes; a point iff its pixel does. `image_of_…` and `ray_of_image` are the optics alone, which
+/// a calibration needs beyond the picture's edge, too.
 pub trait Camera: std::fmt::Debug + Send + Sync {
     /// Name as in `camera.toml`.
     fn model(&self) -> &'static str;
@@ -44,14 +60,19 @@ pub trait Camera: std::fmt::Debug + Send + Sync {
     /// Width and height of the picture.
     fn image_size_px(&self) -> [u32; 2];
 
-    /// Where a point (metres) appears; `None` outside the domain.
-    fn project(&self, point_m: &Vector3<f64>) -> Option<Vector2<f64>>;
+    /// Where the optics image a point (metres), also beyond the picture's edge; `None` where they do not.
+    fn image_of_point(&self, point_m: &Vector3<f64>) -> Option<Vector2<f64>>;
 
-    /// Where a point at infinity appears; `direction` need not be a unit vector.
-    fn project_direction(&self, direction: &Vector3<f64>) -> Option<Vector2<f64>>;
+    /// The same for a point at infinity; `direction` need not be a unit vector.
+    fn image_of_direction(&self, direction: &Vector3<f64>) -> Option<Vector2<f64>>;
 
-    /// The ray of a pixel; `None` outside the domain.
-    fn unproject(&self, pixel: &Vector2<f64>) -> Option<Ray>;
+    /// The ray of an image position, also beyond the picture's edge; `None` where there is none.
+    fn ray_of_image(&self, pixel: &Vector2<f64>) -> Option<Ray>;
+
+    /// Whether a position is in the picture and in the field of view, provided that it has a ray.
+    fn is_in_domain(&self, pixel: &Vector2<f64>) -> bool {
+        is_in_image(pixel, self.image_size_px())
+    }
 
     /// Elevations [lowest, highest] in radians that the camera sees somewhere.
     fn elevation_rad(&self) -> [f64; 2];
@@ -59,8 +80,20 @@ pub trait Camera: std::fmt::Debug + Send + Sync {
     /// Whether it sees all bearings.
     fn is_panoramic(&self) -> bool;
 
+    /// The numbers that make the model, in a fixed order.
+    fn parameters(&self) -> Vec<Parameter>;
+
+    /// The same camera with other numbers, in the order of [`Camera::parameters`].
+    ///
+    /// # Errors
+    /// The first parameter that makes no camera.
+    fn with_values(&self, values: &[f64]) -> Result<Arc<dyn Camera>, ParameterError>;
+
+    /// The model's table of `camera.toml`.
+    fn table(&self) -> toml::Table;
+
     /// The point from which the camera looks, to the best approximation by one point. The origin for central cameras;
-    /// for the PAL the point of its axis that its rays miss least.
+    /// for the others the point of the axis that the rays miss least.
     fn viewpoint_m(&self) -> Vector3<f64> {
         Vector3::zeros()
     }
@@ -69,6 +102,44 @@ pub trait Camera: std::fmt::Debug + Send + Sync {
     fn viewpoint_miss_m(&self) -> f64 {
         0.0
     }
+
+    /// Where a point (metres) appears; `None` outside the domain.
+    fn project(&self, point_m: &Vector3<f64>) -> Option<Vector2<f64>> {
+        self.image_of_point(point_m).filter(|pixel| self.is_in_domain(pixel))
+    }
+
+    /// Where a point at infinity appears; `direction` need not be a unit vector. `None` outside the domain.
+    fn project_direction(&self, direction: &Vector3<f64>) -> Option<Vector2<f64>> {
+        self.image_of_direction(direction).filter(|pixel| self.is_in_domain(pixel))
+    }
+
+    /// The ray of a pixel; `None` outside the domain.
+    fn unproject(&self, pixel: &Vector2<f64>) -> Option<Ray> {
+        self.is_in_domain(pixel).then(|| self.ray_of_image(pixel)).flatten()
+    }
+
+    /// ∂pixel/∂point (2×3, px/m) where [`Camera::image_of_point`] gives one. By central differences where the model has
+    /// no closed form.
+    fn point_jacobian(&self, point_m: &Vector3<f64>) -> Option<Matrix2x3<f64>> {
+        jacobian::of_point(|p| self.image_of_point(p), point_m)
+    }
+}
+
+/// The elevations of what a camera sees on its picture, on a grid that includes the border.
+pub(crate) fn elevations_on_the_picture(camera: &dyn Camera) -> [f64; 2] {
+    const STEPS: u32 = 64;
+    let [w, h] = camera.image_size_px().map(f64::from);
+    let mut range = [f64::INFINITY, f64::NEG_INFINITY];
+    for i in 0..=STEPS {
+        for j in 0..=STEPS {
+            let (a, b) = (f64::from(i) / f64::from(STEPS), f64::from(j) / f64::from(STEPS));
+            if let Some(ray) = camera.unproject(&Vector2::new(a * w - 0.5, b * h - 0.5)) {
+                let elevation = elevation_rad(&ray.direction);
+                range = [range[0].min(elevation), range[1].max(elevation)];
+            }
+        }
+    }
+    range
 }
 
 /// Whether a pixel position lies on the picture, whose pixels reach half a pixel beyond their centres.

@@ -3,6 +3,7 @@
 //! Every wrong value is reported with the file, the line, the key, the value and what would be right; unknown keys are
 //! errors, so that a misspelt one never falls back to a default in silence.
 
+mod models;
 mod raw;
 
 use std::path::{Path, PathBuf};
@@ -12,26 +13,7 @@ use protocol::document::{Document, DocumentError};
 
 use super::{Camera, Mask, MountedCamera, Mounting, Timing};
 
-/// The models this version can build.
-pub const SUPPORTED_MODELS: [&str; 2] = ["pal", "pinhole"];
-
-/// The models that `camera.toml` knows by name, supported or not.
-const KNOWN_MODELS: [&str; 14] = [
-    "pal",
-    "pal-orthographic",
-    "pal-single-viewpoint",
-    "unified-sphere",
-    "polynomial",
-    "hyperboloidal",
-    "paraboloidal",
-    "ellipsoidal",
-    "spherical",
-    "conic",
-    "pyramid",
-    "fisheye",
-    "pinhole",
-    "mosaic",
-];
+pub use models::MODELS;
 
 /// A `camera.toml` that was read and checked, but whose mask has not been read.
 #[derive(Debug, Clone)]
@@ -86,6 +68,16 @@ impl CameraFile {
         }
         Ok(Mask { size_px: [w, h], tested: picture.into_raw().into_iter().map(|gray| gray > 0).collect() })
     }
+}
+
+/// The part of a `camera.toml` that describes the camera: model, size and the model's table, without a mounting.
+#[expect(clippy::missing_panics_doc, clippy::expect_used, reason = "tables of numbers and names")]
+pub fn camera_toml(camera: &dyn Camera) -> String {
+    let mut text = format!("model = \"{}\"\nimage_size_px = {:?}\n", camera.model(), camera.image_size_px());
+    let mut tables = toml::Table::new();
+    tables.insert(camera.model().to_owned(), camera.table().into());
+    text.push_str(&toml::to_string(&tables).expect("a table is TOML"));
+    text
 }
 
 impl MountedCamera {

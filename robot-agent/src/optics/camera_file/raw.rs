@@ -7,10 +7,8 @@ use nalgebra::Vector3;
 use protocol::document::{Document, DocumentError};
 use serde::Deserialize;
 
-use super::{KNOWN_MODELS, SUPPORTED_MODELS};
-use crate::optics::pal::ParameterError;
-use crate::optics::pinhole::PinholeParameters;
-use crate::optics::{Camera, Mounting, MountingSigma, Pal, PalDesign, Pinhole, Timing};
+use super::models;
+use crate::optics::{Camera, Mounting, MountingSigma, ParameterError, Timing};
 
 /// Pictures larger than this on a side are taken for a mistake.
 const MAX_SIDE_PX: u32 = 16_384;
@@ -25,18 +23,8 @@ pub(super) struct Checked {
 
 /// Parses and checks.
 pub(super) fn parse(document: &Document) -> Result<Checked, DocumentError> {
-    // The model first: the tables of models that are not supported would only look like unknown keys.
-    let model = document.parse::<Model>()?.model;
-    if !SUPPORTED_MODELS.contains(&model.as_str()) {
-        let supported = SUPPORTED_MODELS.join(", ");
-        let wanted = if KNOWN_MODELS.contains(&model.as_str()) {
-            format!("not supported by this version; supported: {supported}")
-        } else {
-            format!("not a camera model; supported: {supported}")
-        };
-        return Err(document.invalid("model", format!("{model:?}"), wanted));
-    }
-    let file: File = document.parse()?;
+    models::check_name(document)?;
+    let file: models::File = document.parse()?;
     let check = || {
         if file.image_size_px.iter().any(|n| *n == 0 || *n > MAX_SIDE_PX) {
             let expected = format!("[width, height] in pixels, each from 1 to {MAX_SIDE_PX}");
@@ -53,132 +41,32 @@ pub(super) fn parse(document: &Document) -> Result<Checked, DocumentError> {
 }
 
 /// A value that cannot be, before its place in the file is found.
-struct Problem {
+pub(super) struct Problem {
     key: String,
     value: String,
     expected: String,
 }
 
 impl Problem {
-    fn new(key: &str, value: impl std::fmt::Debug, expected: impl std::fmt::Display) -> Self {
+    pub(super) fn new(key: &str, value: impl std::fmt::Debug, expected: impl std::fmt::Display) -> Self {
         Self { key: key.into(), value: format!("{value:?}"), expected: format!("must be {expected}") }
     }
 
-    fn parameter(table: &str, error: ParameterError) -> Self {
+    pub(super) fn parameter(table: &str, error: ParameterError) -> Self {
         let ParameterError { key, value, expected } = error;
         Self { key: format!("{table}.{key}"), value, expected: format!("must be {expected}") }
     }
 }
 
 #[derive(Deserialize)]
-struct Model {
-    model: String,
-}
-
-#[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
-struct File {
-    model: String,
-    image_size_px: [u32; 2],
-    pal: Option<PalTable>,
-    pinhole: Option<PinholeTable>,
-    #[serde(default)]
-    mounting: MountingTable,
-    mask: Option<MaskTable>,
-    #[serde(default)]
-    timing: TimingTable,
-}
-
-impl File {
-    fn camera(&self) -> Result<Arc<dyn Camera>, Problem> {
-        for (table, present) in [("pal", self.pal.is_some()), ("pinhole", self.pinhole.is_some())] {
-            if present != (table == self.model) {
-                let expected = if present {
-                    format!("{table:?}, or the table [{table}] goes")
-                } else {
-                    format!("another, or the table [{table}] is missing")
-                };
-                return Err(Problem::new("model", &self.model, expected));
-            }
-        }
-        if let Some(pal) = &self.pal {
-            return match Pal::new(pal.design(), self.image_size_px) {
-                Ok(camera) => Ok(Arc::new(camera)),
-                Err(error) => Err(Problem::parameter("pal", error)),
-            };
-        }
-        let Some(pinhole) = &self.pinhole else {
-            return Err(Problem::new("model", &self.model, SUPPORTED_MODELS.join(" or ")));
-        };
-        let parameters = PinholeParameters {
-            focal_length_px: pinhole.focal_length_px,
-            centre_px: pinhole.centre_px,
-            distortion: pinhole.distortion,
-        };
-        match Pinhole::new(parameters, self.image_size_px) {
-            Ok(camera) => Ok(Arc::new(camera)),
-            Err(error) => Err(Problem::parameter("pinhole", error)),
-        }
-    }
-}
-
-#[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
-struct PalTable {
-    ellipsoid_a_mm: f64,
-    ellipsoid_c_mm: f64,
-    hyperboloid_a_mm: f64,
-    hyperboloid_c_mm: f64,
-    focal_length_px: f64,
-    refraction_a_mm: f64,
-    refraction_eccentricity: f64,
-    refractive_index: f64,
-    centre_px: [f64; 2],
-    #[serde(default = "one")]
-    aspect: f64,
-    elevation_deg: [f64; 2],
-}
-
-impl PalTable {
-    fn design(&self) -> PalDesign {
-        PalDesign {
-            ellipsoid_a_mm: self.ellipsoid_a_mm,
-            ellipsoid_c_mm: self.ellipsoid_c_mm,
-            hyperboloid_a_mm: self.hyperboloid_a_mm,
-            hyperboloid_c_mm: self.hyperboloid_c_mm,
-            focal_length_px: self.focal_length_px,
-            refraction_a_mm: self.refraction_a_mm,
-            refraction_eccentricity: self.refraction_eccentricity,
-            refractive_index: self.refractive_index,
-            centre_px: self.centre_px,
-            aspect: self.aspect,
-            elevation_deg: self.elevation_deg,
-        }
-    }
-}
-
-fn one() -> f64 {
-    1.0
-}
-
-#[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
-struct PinholeTable {
-    focal_length_px: [f64; 2],
-    centre_px: [f64; 2],
-    #[serde(default)]
-    distortion: [f64; 5],
-}
-
-#[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
-struct MaskTable {
-    file: PathBuf,
+pub(super) struct MaskTable {
+    pub(super) file: PathBuf,
 }
 
 #[derive(Deserialize, Default)]
 #[serde(deny_unknown_fields)]
-struct TimingTable {
+pub(super) struct TimingTable {
     #[serde(default)]
     exposure_ms: f64,
     #[serde(default)]
@@ -217,7 +105,7 @@ where
 
 #[derive(Deserialize, Default)]
 #[serde(deny_unknown_fields)]
-struct MountingTable {
+pub(super) struct MountingTable {
     height_m: Option<f64>,
     height_m_sigma: Option<f64>,
     position_m: Option<[f64; 3]>,

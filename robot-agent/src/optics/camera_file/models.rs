@@ -1,0 +1,84 @@
+//! The models that `camera.toml` can name, one line each: name, table, camera.
+
+use std::sync::Arc;
+
+use protocol::document::{Document, DocumentError};
+use serde::Deserialize;
+
+use super::raw::{MaskTable, MountingTable, Problem, TimingTable};
+use crate::optics::{
+    Camera, Fisheye, FisheyeParameters, Pal, PalDesign, Pinhole, PinholeParameters, Polynomial, PolynomialParameters,
+    UnifiedSphere, UnifiedSphereParameters,
+};
+
+macro_rules! models {
+    ($($field:ident $name:literal $table:ty => $camera:ty),+ $(,)?) => {
+        /// Every value that `model` can have, each also the name of its table.
+        pub const MODELS: &[&str] = &[$($name),+];
+
+        /// The file as serde sees it.
+        #[derive(Deserialize)]
+        #[serde(deny_unknown_fields)]
+        pub(super) struct File {
+            model: String,
+            pub(super) image_size_px: [u32; 2],
+            $(#[serde(rename = $name)] $field: Option<$table>,)+
+            #[serde(default)]
+            pub(super) mounting: MountingTable,
+            pub(super) mask: Option<MaskTable>,
+            #[serde(default)]
+            pub(super) timing: TimingTable,
+        }
+
+        impl File {
+            /// The camera of the one table that the model names.
+            pub(super) fn camera(&self) -> Result<Arc<dyn Camera>, Problem> {
+                self.check_tables(&[$(($name, self.$field.is_some())),+])?;
+                $(if let Some(table) = &self.$field {
+                    return match <$camera>::new(table.clone(), self.image_size_px) {
+                        Ok(camera) => Ok(Arc::new(camera)),
+                        Err(error) => Err(Problem::parameter($name, error)),
+                    };
+                })+
+                Err(Problem::new("model", &self.model, MODELS.join(" or ")))
+            }
+        }
+    };
+}
+
+models! {
+    pal "pal" PalDesign => Pal,
+    unified_sphere "unified-sphere" UnifiedSphereParameters => UnifiedSphere,
+    polynomial "polynomial" PolynomialParameters => Polynomial,
+    fisheye "fisheye" FisheyeParameters => Fisheye,
+    pinhole "pinhole" PinholeParameters => Pinhole,
+}
+
+impl File {
+    fn check_tables(&self, tables: &[(&str, bool)]) -> Result<(), Problem> {
+        for (table, present) in tables {
+            if *present != (*table == self.model) {
+                let expected = if *present {
+                    format!("{table:?}, or the table [{table}] goes")
+                } else {
+                    format!("another, or the table [{table}] is missing")
+                };
+                return Err(Problem::new("model", &self.model, expected));
+            }
+        }
+        Ok(())
+    }
+}
+
+/// The model's name, before the tables: a table of a misspelt model would only look like an unknown key.
+pub(super) fn check_name(document: &Document) -> Result<(), DocumentError> {
+    #[derive(Deserialize)]
+    struct Model {
+        model: String,
+    }
+    let model = document.parse::<Model>()?.model;
+    if MODELS.contains(&model.as_str()) {
+        return Ok(());
+    }
+    Err(document.invalid("model", format!("{model:?}"), format!("not a camera model; models: {}", MODELS.join(", "))))
+}
