@@ -33,6 +33,7 @@ pub use background::{Background, BackgroundMode, LearningRate};
 pub use gate::{region_moves, scene_changed};
 pub use raster::{Arc, Raster};
 pub use regions::{MAX_RUNS, Region, group};
+pub(crate) use regions::Run;
 
 use filter::Majority;
 use halo::Halo;

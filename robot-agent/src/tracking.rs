@@ -11,8 +11,10 @@ mod association;
 mod body;
 mod class;
 mod extent;
+mod figures;
 mod filter;
 mod group;
+mod people;
 mod range;
 #[cfg(test)]
 mod reality;
@@ -36,6 +38,7 @@ pub use view::View;
 
 use crate::motion::{Arc, Holds, Object, Patch, Raster, Region, Scene};
 use body::Body;
+use figures::Figures;
 use group::Sought;
 use track::{Track, shape_of};
 
@@ -112,6 +115,8 @@ pub struct Tracker {
     last: Option<Timestamp>,
     holds: Holds,
     events: Vec<AlarmKind>,
+    /// Where a person can be told by where he stands; objects are followed by their regions elsewhere.
+    figures: Option<Figures>,
 }
 
 /// Rows a column of the most slender thing that becomes a track: people have at most nine.
@@ -129,6 +134,7 @@ impl Tracker {
     /// Nobody is followed yet.
     pub fn new(raster: Raster, view: View, settings: TrackerSettings) -> Self {
         Self {
+            figures: Figures::new(&view, &raster),
             raster,
             view,
             settings,
@@ -148,6 +154,18 @@ impl Tracker {
         for track in &mut self.tracks {
             track.predict(dt_s, &self.raster);
         }
+        if self.figures.is_some() {
+            self.step_people(scene, capture, peers);
+        } else {
+            self.step_regions(scene, capture);
+        }
+        self.measure_extents(scene, peers, capture);
+        self.end_tracks(capture);
+        self.update_holds(capture);
+    }
+
+    /// A frame in which objects are what their regions are.
+    fn step_regions(&mut self, scene: &Scene<'_>, capture: Timestamp) {
         let mut objects = Vec::new();
         let mut regions: Vec<Region> = Vec::new();
         for object in self.usable_objects(scene) {
@@ -189,9 +207,6 @@ impl Tracker {
                 self.give_birth(&bodies[object], &looks[object], regions[object].area, capture);
             }
         }
-        self.measure_extents(scene, peers, capture);
-        self.end_tracks(capture);
-        self.update_holds(capture);
     }
 
     /// The robot moves, or there is no background: all tracks end.
@@ -436,10 +451,15 @@ impl Tracker {
         if self.tracks.len() >= association::MAX_SIDE || shape.h > MOST_SLENDER * shape.w {
             return;
         }
-        let id = TrackId(self.next_id);
-        self.next_id = self.next_id.wrapping_add(1);
+        let id = self.next_track_id();
         self.tracks.push(Track::new(id, body, look.clone(), now, &self.raster));
         self.areas.push((id, area));
+    }
+
+    fn next_track_id(&mut self) -> TrackId {
+        let id = TrackId(self.next_id);
+        self.next_id = self.next_id.wrapping_add(1);
+        id
     }
 
     fn measure_extents(&mut self, scene: &Scene<'_>, peers: &[PeerBearing], now: Timestamp) {

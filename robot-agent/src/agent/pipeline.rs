@@ -222,7 +222,7 @@ impl Pipeline {
         let peers = detector.follow(&frame.gray, &self.panorama);
         self.seen.sightings = peers.iter().map(Peer::to_sighting).collect();
         self.seen.sightings.truncate(MAX_SIGHTINGS);
-        self.peer_bearings = self.seen.sightings.iter().map(bearing).collect();
+        self.peer_bearings = self.seen.sightings.iter().map(PeerBearing::of).collect();
         self.seen.stages.0 |= Stages::PEERS;
     }
 
@@ -284,18 +284,4 @@ fn grid(geometry: &PanoramaGeometry) -> Option<Grid> {
         seam_rad: geometry.theta0_rad(),
         tangents: [high.tan(), low.tan()],
     })
-}
-
-/// Where the tracker should expect a robot, not a person.
-fn bearing(sighting: &PeerSighting) -> PeerBearing {
-    /// Half width where no edges were measured: a robot of 0.2 m radius at 2 m.
-    const DEFAULT_HALF_WIDTH_RAD: f64 = 0.1;
-    let bearing_rad = sighting.bearing.rad();
-    let half_width = sighting
-        .features
-        .iter()
-        .map(|feature| protocol::angle::difference(feature.bearing.rad(), bearing_rad).abs())
-        .fold(0.0, f64::max);
-    let half_width_rad = if half_width > 0.0 { half_width } else { DEFAULT_HALF_WIDTH_RAD };
-    PeerBearing { bearing_rad, half_width_rad }
 }

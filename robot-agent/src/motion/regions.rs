@@ -57,6 +57,11 @@ impl Region {
         (!runs.is_empty()).then(|| Self::from_runs(runs, raster, &mut Vec::new()))
     }
 
+    /// From runs in the order of rows; at least one.
+    pub(crate) fn of_runs(runs: Vec<Run>, raster: &Raster) -> Self {
+        Self::from_runs(runs, raster, &mut Vec::new())
+    }
+
     fn from_runs(runs: Vec<Run>, raster: &Raster, columns: &mut Vec<u8>) -> Self {
         columns.clear();
         columns.resize(raster.width, 0);

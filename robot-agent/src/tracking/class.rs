@@ -1,6 +1,6 @@
 //! What a track is: person, fellow robot or something else, from size, aspect ratio and the peer detector.
 
-use protocol::message::ObjectClass;
+use protocol::message::{ObjectClass, PeerSighting};
 
 use super::extent::Extent;
 use super::view::View;
@@ -12,6 +12,22 @@ pub struct PeerBearing {
     pub bearing_rad: f64,
     /// Half of its angular width, radians.
     pub half_width_rad: f64,
+}
+
+impl PeerBearing {
+    /// Where the tracker should expect a robot, not a person.
+    pub fn of(sighting: &PeerSighting) -> Self {
+        /// Half width where no edges were measured: a robot of 0.2 m radius at 2 m.
+        const DEFAULT_HALF_WIDTH_RAD: f64 = 0.1;
+        let bearing_rad = sighting.bearing.rad();
+        let half_width = sighting
+            .features
+            .iter()
+            .map(|feature| protocol::angle::difference(feature.bearing.rad(), bearing_rad).abs())
+            .fold(0.0, f64::max);
+        let half_width_rad = if half_width > 0.0 { half_width } else { DEFAULT_HALF_WIDTH_RAD };
+        Self { bearing_rad, half_width_rad }
+    }
 }
 
 /// Votes of the frames so far.

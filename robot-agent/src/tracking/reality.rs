@@ -35,6 +35,36 @@ fn panoramas(dir: &Path, lut: &Lut, pixels: usize) -> Vec<(f64, Vec<u8>)> {
     times.into_iter().zip(all.chunks_exact(pixels).map(<[u8]>::to_vec)).collect()
 }
 
+/// Fellow robots in each frame, found once and kept beside the frames.
+fn peers(dir: &Path, robot: &Path, camera: &MountedCamera, geometry: &PanoramaGeometry, lut: &Lut) -> Vec<Vec<PeerBearing>> {
+    let cache = robot.join("peers.json");
+    if !cache.exists() {
+        let markers = [serde_json::from_str(&std::fs::read_to_string(dir.join("markers.json")).unwrap()).unwrap()];
+        let [low, high] = geometry.elevation_rad();
+        let grid = crate::peers::Grid {
+            width: geometry.width() as usize,
+            height: geometry.height() as usize,
+            seam_rad: geometry.theta0_rad(),
+            tangents: [high.tan(), low.tan()],
+        };
+        let mut detector = crate::peers::PeerDetector::new(camera, grid, &markers);
+        let mut source = capture::open(robot, CaptureOptions::default()).unwrap();
+        let mut panorama = vec![0; geometry.pixels()];
+        let mut all: Vec<Vec<[f64; 2]>> = Vec::new();
+        while let Some(frame) = source.next_frame() {
+            let frame = frame.unwrap();
+            lut.unwarp(&frame.gray, &mut panorama).unwrap();
+            let found = detector.follow(&frame.gray, &panorama);
+            all.push(found.iter().map(|p| PeerBearing::of(&p.to_sighting())).map(|p| [p.bearing_rad, p.half_width_rad]).collect());
+        }
+        std::fs::write(&cache, serde_json::to_string(&all).unwrap()).unwrap();
+    }
+    let all: Vec<Vec<[f64; 2]>> = serde_json::from_str(&std::fs::read_to_string(cache).unwrap()).unwrap();
+    all.into_iter()
+        .map(|f| f.into_iter().map(|[bearing_rad, half_width_rad]| PeerBearing { bearing_rad, half_width_rad }).collect())
+        .collect()
+}
+
 #[derive(Debug, Clone)]
 struct Person {
     id: String,
@@ -94,6 +124,7 @@ fn recorded_robots_see_the_people() {
         let raster = Raster { width: geometry.width() as usize, height: geometry.height() as usize, wraps: true };
         let valid: Vec<u8> = lut.valid().iter().map(|&v| u8::from(v)).collect();
         let frames = panoramas(&dir.join(robot), &lut, raster.len());
+        let found_peers = peers(dir, &dir.join(robot), &camera, &geometry, &lut);
         let view = View::panorama(geometry, &camera);
         let settings = MotionSettings { upright_row: view.upright_row(), ..MotionSettings::default() };
         let mut motion = MotionStage::new(raster, Some(&valid), settings).unwrap();
@@ -119,7 +150,8 @@ fn recorded_robots_see_the_people() {
             motion.extract();
             laps.push(clock.elapsed().as_secs_f64());
             if change.background == BackgroundState::Ready {
-                tracker.step(&motion.scene(), capture, &[]);
+                let before = i.checked_sub(1).map_or(&[][..], |b| &found_peers[b]);
+                tracker.step(&motion.scene(), capture, before);
                 laps.push(clock.elapsed().as_secs_f64());
                 motion.learn(tracker.holds());
             } else {

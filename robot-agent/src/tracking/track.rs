@@ -16,6 +16,7 @@ use protocol::time::Timestamp;
 use super::appearance::Appearance;
 use super::association::Shape;
 use super::body::{Body, Strip};
+use super::figures::Sought;
 use super::class::Votes;
 use super::extent::Extent;
 use super::filter::AxisFilter;
@@ -64,6 +65,27 @@ pub(super) struct Track {
     /// Frame of its last birth, merge or split: then its appearance is sent.
     pub(super) turning_point: Option<Timestamp>,
     pub(super) announced: bool,
+    /// Logarithm of the distance in metres that its figure has, and its sigma.
+    pub(super) log_range: f64,
+    pub(super) log_range_sigma: f64,
+}
+
+/// A person in a frame.
+#[derive(Debug, Clone)]
+pub(super) struct Sighting {
+    /// Column of the axis and its sigma.
+    pub(super) axis: f64,
+    pub(super) axis_sigma: f64,
+    pub(super) arc: Arc,
+    pub(super) rows: [usize; 2],
+    /// Distance at which the figure fits.
+    pub(super) range_m: f64,
+    /// Columns of shoulders at that distance.
+    pub(super) trunk_width: f64,
+    /// Nobody in front.
+    pub(super) alone: bool,
+    pub(super) moves: bool,
+    pub(super) appearance: Appearance,
 }
 
 impl Track {
@@ -97,9 +119,95 @@ impl Track {
             group_width: 0.0,
             turning_point: None,
             announced: false,
+            log_range: 0.0,
+            log_range_sigma: 1.0,
         };
         track.shape = shape_of(body);
         track
+    }
+
+    /// Somebody new, by the figure.
+    pub(super) fn of_figure(id: TrackId, s: Sighting, now: Timestamp) -> Self {
+        Self {
+            id,
+            confirmed: false,
+            state: TrackState::Visible,
+            filter: AxisFilter::new(s.axis, s.axis_sigma, 2.0 * s.trunk_width),
+            shape: Shape {
+                x: 0.0,
+                y: (s.rows[0] + s.rows[1]) as f64 / 2.0,
+                w: s.arc.width as f64,
+                h: (s.rows[1] - s.rows[0] + 1) as f64,
+            },
+            arc: s.arc,
+            rows: s.rows,
+            trunk_width: s.trunk_width,
+            template: Strip { start: 0, filled: Vec::new(), gray: Vec::new() },
+            axis_offset: 0.0,
+            appearance: s.appearance,
+            axis: s.axis,
+            axis_sigma: s.axis_sigma,
+            extent: None,
+            votes: Votes::default(),
+            hits: 1,
+            misses: 0,
+            moving_hits: 1,
+            supported: now,
+            born: now,
+            born_at: s.axis,
+            travelled: 0.0,
+            seen: now,
+            moved: now,
+            merged_since: None,
+            group_width: 0.0,
+            turning_point: None,
+            announced: false,
+            log_range: s.range_m.ln(),
+            log_range_sigma: 0.3,
+        }
+    }
+
+    /// Where its figure should be.
+    pub(super) fn sought(&self) -> Sought {
+        Sought {
+            column: self.filter.column,
+            column_sigma: self.filter.sigma().hypot(0.15 * self.trunk_width).max(1.0),
+            range_m: self.log_range.exp(),
+            log_range_sigma: self.log_range_sigma,
+            seniority: self.hits,
+        }
+    }
+
+    /// Seen as a figure.
+    pub(super) fn see_figure(&mut self, s: Sighting, now: Timestamp, raster: &Raster) {
+        let sigma = s.axis_sigma;
+        self.filter.update(s.axis, sigma, raster);
+        // One frame's distance is known to a fifth.
+        const FRAME_SIGMA: f64 = 0.2;
+        let gain = self.log_range_sigma.powi(2) / (self.log_range_sigma.powi(2) + FRAME_SIGMA * FRAME_SIGMA);
+        self.log_range += gain * (s.range_m.ln() - self.log_range);
+        self.log_range_sigma *= (1.0 - gain).sqrt();
+        let found = [(s.rows[0] + s.rows[1]) as f64 / 2.0, s.arc.width as f64, (s.rows[1] - s.rows[0] + 1) as f64];
+        for (old, new) in [&mut self.shape.y, &mut self.shape.w, &mut self.shape.h].into_iter().zip(found) {
+            *old += 0.4 * (new - *old);
+        }
+        if s.alone {
+            (self.axis, self.axis_sigma) = (s.axis, sigma);
+            self.appearance.blend(&s.appearance, 0.1);
+        } else {
+            (self.axis, self.axis_sigma) = (self.filter.column, self.filter.sigma().hypot(sigma));
+        }
+        (self.arc, self.rows, self.trunk_width) = (s.arc, s.rows, s.trunk_width);
+        let parted = s.alone != (self.merged_since.is_none());
+        if parted {
+            self.turning_point = Some(now);
+            self.merged_since = (!s.alone).then_some(now);
+        }
+        self.state = if s.alone { TrackState::Visible } else { TrackState::Merged };
+        self.supported = now;
+        let aside = raster.column_difference(self.axis, self.born_at).abs();
+        self.travelled = self.travelled.max(aside);
+        self.note_seen(s.moves, now);
     }
 
     /// The time goes on.
@@ -107,6 +215,9 @@ impl Track {
         // 1.5 m/s² on shoulders half a metre broad.
         let acceleration = 3.0 * self.trunk_width.max(4.0);
         self.filter.predict(dt_s, acceleration, raster);
+        /// Somebody at two metres comes nearer by a metre a second.
+        const LOG_RANGE_RATE: f64 = 0.35;
+        self.log_range_sigma = self.log_range_sigma.hypot(LOG_RANGE_RATE * dt_s).clamp(0.08, 0.5);
         if self.state == TrackState::Hidden {
             self.filter.damp((-dt_s / 0.7).exp());
         }

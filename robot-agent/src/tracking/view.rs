@@ -51,6 +51,22 @@ impl View {
         }
     }
 
+    /// Row of an elevation in a panorama; may lie outside of it. `None` in an image.
+    pub fn row_of_elevation(&self, elevation_rad: f64) -> Option<f64> {
+        match &self.picture {
+            Picture::Panorama(g) => Some(g.row_of_elevation(elevation_rad)),
+            Picture::Image(_) => None,
+        }
+    }
+
+    /// Column of a bearing in a panorama; `None` in an image.
+    pub fn column_of_bearing(&self, bearing_rad: f64) -> Option<f64> {
+        match &self.picture {
+            Picture::Panorama(g) => Some(g.column_of_bearing(bearing_rad)),
+            Picture::Image(_) => None,
+        }
+    }
+
     /// Angle of one column and one row there, radians.
     pub fn steps_rad(&self, column: f64, row: f64) -> [f64; 2] {
         match &self.picture {

@@ -12,7 +12,9 @@ use crate::world::robot::Robot;
 /// Of a talk between two who meet.
 const TALK_S: f64 = 3.0;
 /// Longest wait for somebody to meet.
-const PATIENCE_S: f64 = 12.0;
+const PATIENCE_S: f64 = 8.0;
+/// Who wants to walk and comes no further than this (m) in so long (s) is stuck, and does something else.
+const STUCK: (f64, f64) = (0.3, 2.0);
 
 /// Something to do.
 #[derive(Debug, Clone, Copy)]
@@ -36,6 +38,8 @@ pub(super) struct Walker {
     pub(super) task: Task,
     pub(super) since_s: f64,
     pub(super) arrived_s: Option<f64>,
+    /// Where it last came further, and when.
+    progress: (Vector2<f64>, f64),
     pub(super) field: Field,
     /// Times from which one stop and meetings are due.
     stop_due_s: f64,
@@ -87,6 +91,7 @@ impl<'a> Crowd<'a> {
                 task: if n < crowd.standing { Task::Stand(f64::INFINITY) } else { Task::Stand(0.0) },
                 since_s: -WARM_UP_S,
                 arrived_s: None,
+                progress: (position, -WARM_UP_S),
                 field: grid.field(position),
                 stop_due_s: 3.0 + share * (duration_s - spec.stop_s - 14.0).max(2.0),
                 meetings: Vec::new(),
@@ -162,16 +167,24 @@ impl<'a> Crowd<'a> {
     }
 
     fn is_done(&mut self, n: usize, now_s: f64) -> bool {
+        let w = &mut self.walkers[n];
+        if (w.position - w.progress.0).norm() > STUCK.0 {
+            w.progress = (w.position, now_s);
+        }
         let w = &self.walkers[n];
         let there = |at: Vector2<f64>| (w.position - at).norm() < 0.18;
+        let stuck = now_s - w.progress.1 > STUCK.1 && now_s - w.since_s > STUCK.1;
         match w.task {
-            Task::Go(at) => there(at) || now_s - w.since_s > 25.0,
+            Task::Go(at) => there(at) || stuck || now_s - w.since_s > 25.0,
             Task::Stand(span) => now_s - w.since_s >= span,
             Task::Meet { at, partner } => {
                 let arrived = w.arrived_s.or_else(|| there(at).then_some(now_s));
                 let together = matches!(self.walkers[partner].task, Task::Meet { partner, .. } if partner == n)
                     && self.walkers[partner].arrived_s.is_some();
                 self.walkers[n].arrived_s = arrived;
+                if arrived.is_none() && stuck {
+                    return true;
+                }
                 if together && arrived.is_some() {
                     let both = arrived.unwrap_or(now_s).max(self.walkers[partner].arrived_s.unwrap_or(now_s));
                     return now_s - both > TALK_S;
@@ -208,12 +221,13 @@ impl<'a> Crowd<'a> {
             Task::Stand(_) => w.position,
         };
         w.field = self.grid.field(goal);
-        if !w.field.reaches(self.grid, w.position) {
+        if self.grid.is_free(w.position) && !w.field.reaches(self.grid, w.position) {
             w.field = self.grid.field(w.position);
         }
         w.task = task;
         w.since_s = now_s;
         w.arrived_s = None;
+        w.progress = (w.position, now_s);
     }
 }
 

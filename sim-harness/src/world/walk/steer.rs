@@ -27,7 +27,12 @@ impl Crowd<'_> {
             }
             Task::Stand(_) => return (Vector2::zeros(), None),
         };
-        let to = self.grid.ahead(&w.field, w.position, 0.7) - w.position;
+        let to = if self.grid.is_free(w.position) {
+            self.grid.ahead(&w.field, w.position, 0.7) - w.position
+        } else {
+            // Pushed between things by others: out of there first.
+            self.grid.outwards(w.position)
+        };
         let left = (goal - w.position).norm();
         let slow = if matches!(w.task, Task::Meet { .. }) { (left / 0.5).clamp(0.25, 1.0) } else { 1.0 };
         let mut velocity = if to.norm() > 1e-6 { to.normalize() * w.speed * slow } else { Vector2::zeros() };

@@ -1,0 +1,160 @@
+//! Following people by the figures they make (see [`super::figures`]): tracks predict them, the frame places them.
+
+use protocol::time::Timestamp;
+
+use super::body::solid_rows;
+use super::figures::{Figure, Sought};
+use super::track::Sighting;
+use super::{Appearance, PeerBearing, Tracker, association};
+use crate::motion::{Object, Region, Scene};
+
+/// Support below which nobody is there.
+const LEAST_SUPPORT: f32 = 0.25;
+/// Own share below which somebody is hidden by others, and below which he is not seen alone.
+const LEAST_OWN: f32 = 0.25;
+const ALONE: f32 = 0.85;
+/// Share of the pixels that must be in moving objects for the person to move.
+const MOVING: f64 = 0.4;
+/// Fellow robots reach this far above the horizon (their masts are too thin to matter), and their outlines this far beyond
+/// their sides while they drive, radians.
+const ROBOT_TOP_RAD: f64 = 0.04;
+const ROBOT_SIDE_RAD: f64 = 0.02;
+
+/// How somebody appears in a frame.
+struct Look {
+    sighting: Sighting,
+    area: usize,
+    ghost: bool,
+}
+
+impl Tracker {
+    /// A frame of a panorama from a known height.
+    pub(super) fn step_people(&mut self, scene: &Scene<'_>, capture: Timestamp, peers: &[PeerBearing]) {
+        let Some(mut figures) = self.figures.take() else { return };
+        figures.look(scene, &self.robots(peers));
+        let sought: Vec<Sought> = self.tracks.iter().map(super::Track::sought).collect();
+        let mut all = figures.fit(&sought);
+        let known = all.len();
+        all.extend(figures.find(&all));
+        let moving = mark_moving(scene);
+        let looks: Vec<Option<Look>> = figures
+            .own(&all, scene)
+            .into_iter()
+            .zip(&all)
+            .map(|(region, figure)| {
+                let region = region?;
+                let axis = figures.axis(figure, &region, &self.view);
+                Some(self.look(figure, &region, axis, scene, &moving))
+            })
+            .collect();
+        self.areas.clear();
+        let mut looks = looks.into_iter();
+        for t in 0..known {
+            let look = looks.next().flatten();
+            let figure = &all[t];
+            let seen = figure.own >= LEAST_OWN && figure.support >= LEAST_SUPPORT;
+            let track = &mut self.tracks[t];
+            match look.filter(|_| seen) {
+                Some(look) => {
+                    self.areas.push((track.id, look.area));
+                    track.see_figure(look.sighting, capture, &self.raster);
+                }
+                None => track.miss(),
+            }
+        }
+        for (figure, look) in all[known..].iter().zip(looks) {
+            let Some(look) = look.filter(|l| l.sighting.moves && !l.ghost) else { continue };
+            let enough = figure.own >= LEAST_OWN && figure.support >= LEAST_SUPPORT;
+            if enough && self.tracks.len() < association::MAX_SIDE {
+                let track = super::Track::of_figure(self.next_track_id(), look.sighting, capture);
+                self.areas.push((track.id, look.area));
+                self.tracks.push(track);
+            }
+        }
+        self.drop_doubles();
+        self.figures = Some(figures);
+    }
+
+    /// Middle column, half width and first row of fellow robots.
+    fn robots(&self, peers: &[PeerBearing]) -> Vec<(f64, f64, usize)> {
+        let Some(first_row) = self.view.row_of_elevation(ROBOT_TOP_RAD) else { return Vec::new() };
+        peers
+            .iter()
+            .filter_map(|p| {
+                let column = self.view.column_of_bearing(p.bearing_rad)?;
+                let step = self.view.steps_rad(column, first_row)[0];
+                Some((column, (p.half_width_rad + ROBOT_SIDE_RAD) / step, first_row.max(0.0) as usize))
+            })
+            .collect()
+    }
+
+    fn look(&self, figure: &Figure, region: &Region, axis: f64, scene: &Scene<'_>, moving: &[u8]) -> Look {
+        let step = self.view.steps_rad(axis, self.raster.height as f64 / 2.0)[0];
+        let (mut moves, mut ghosts) = (0usize, 0usize);
+        for (row, start, len) in region.spans() {
+            for m in &moving[row * self.raster.width + start..][..len] {
+                moves += usize::from(*m == MOVES);
+                ghosts += usize::from(*m == GHOST);
+            }
+        }
+        let alone = figure.own >= ALONE;
+        let axis = if alone { axis } else { figure.column };
+        let sighting = Sighting {
+            axis,
+            axis_sigma: axis_sigma_m(figure).hypot(0.3 * step * figure.range_m) / figure.range_m / step,
+            arc: region.arc,
+            rows: solid_rows(region, scene, 0..region.arc.width),
+            range_m: figure.range_m,
+            trunk_width: (0.42 / figure.range_m).atan() / step,
+            alone,
+            moves: moves as f64 > MOVING * region.area as f64,
+            appearance: Appearance::of(region, scene),
+        };
+        Look { sighting, area: region.area, ghost: ghosts as f64 > 0.5 * region.area as f64 }
+    }
+
+    /// Two tracks on one body: the younger goes.
+    fn drop_doubles(&mut self) {
+        let raster = self.raster;
+        let twin = |a: &super::Track, b: &super::Track| {
+            let near = raster.column_difference(a.filter.column, b.filter.column).abs() < 0.4 * a.trunk_width.min(b.trunk_width);
+            near && (a.log_range - b.log_range).abs() < 0.3
+        };
+        let gone: Vec<_> = self
+            .tracks
+            .iter()
+            .filter(|t| self.tracks.iter().any(|o| (o.hits, t.id) > (t.hits, o.id) && o.id != t.id && twin(o, t)))
+            .filter(|t| t.misses > 0 || !t.confirmed)
+            .map(|t| t.id)
+            .collect();
+        self.tracks.retain(|t| !gone.contains(&t.id));
+    }
+}
+
+/// Lateral error of an axis, metres: gait, arms and clothes; more where others cover a part.
+fn axis_sigma_m(figure: &Figure) -> f64 {
+    const ALONE_M: f64 = 0.045;
+    const COVERED_M: f64 = 0.2;
+    ALONE_M.hypot(COVERED_M * f64::from(1.0 - figure.own.min(1.0)))
+}
+
+const MOVES: u8 = 1;
+const GHOST: u8 = 2;
+
+/// For each pixel whether it is in an object that moves or in a ghost.
+fn mark_moving(scene: &Scene<'_>) -> Vec<u8> {
+    let mut marks = vec![0; scene.raster.len()];
+    for Object { region, moves, ghost } in scene.objects {
+        let mark = if *moves {
+            MOVES
+        } else if *ghost {
+            GHOST
+        } else {
+            continue;
+        };
+        for (row, start, len) in region.spans() {
+            marks[row * scene.raster.width + start..][..len].fill(mark);
+        }
+    }
+    marks
+}
