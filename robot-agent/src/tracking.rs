@@ -155,7 +155,7 @@ impl Tracker {
             track.predict(dt_s, &self.raster);
         }
         if self.figures.is_some() {
-            self.step_people(scene, capture, peers);
+            self.step_people(scene, capture, dt_s, peers);
         } else {
             self.step_regions(scene, capture);
         }
@@ -477,9 +477,10 @@ impl Tracker {
             let step = self.view.steps_rad(track.axis, middle)[0];
             let width_rad = if shared { track.shape.w } else { track.arc.width as f64 } * step;
             let trunk_rad = track.trunk_width * step;
+            let figure_m = self.figures.is_some().then(|| track.log_range.exp());
             let person = !matches!(track.class(), ObjectClass::Robot | ObjectClass::Other);
             let extent =
-                extent::measure(scene, &self.view, track.axis, track.rows, trunk_rad.min(width_rad), shared, person);
+                extent::measure(scene, &self.view, track.axis, track.rows, trunk_rad.min(width_rad), shared, person, figure_m);
             track.extent = Some(extent);
             if !shared && let Some((bearing, _)) = self.view.angles_rad(track.axis, middle) {
                 track.votes.add(class::of_one_sight(bearing, width_rad, &extent, &self.view, peers));

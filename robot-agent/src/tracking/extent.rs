@@ -31,10 +31,14 @@ const FOOT_SIGMA_ROWS: f64 = 2.0;
 const TOP_SIGMA_ROWS: f64 = 1.2;
 /// Heights and breadths of an upright person, metres: what a range from the feet must give.
 const PERSON_HEIGHT_M: [f64; 2] = [1.3, 2.15];
+/// Largest difference of the logarithms of the range from the feet and the figure's.
+const FIGURE_AGREES: f64 = 0.2;
 const PERSON_BREADTH_M: [f64; 2] = [0.15, 0.95];
 
 /// Measures the extent of what spans `rows` about `axis` and is `width_rad` wide. `shared`: other bodies are in the region.
-/// `person`: taken for a person.
+/// `person`: taken for a person. `figure_m`: how far away the whole body seems to be, where a figure was fitted: feet that
+/// would stand elsewhere are a shadow's end or hidden.
+#[allow(clippy::too_many_arguments)]
 pub(super) fn measure(
     scene: &Scene<'_>,
     view: &View,
@@ -43,6 +47,7 @@ pub(super) fn measure(
     width_rad: f64,
     shared: bool,
     person: bool,
+    figure_m: Option<f64>,
 ) -> Extent {
     let (top, bottom) = (rows[0] as f64 - 0.5, rows[1] as f64 + 0.5);
     let elevation = |row: f64| view.angles_rad(axis, row).map(|a| a.1);
@@ -67,7 +72,11 @@ pub(super) fn measure(
     {
         let foot_sigma_rad = FOOT_SIGMA_ROWS * step;
         match from_ground_contact(elevation_rad[0], foot_sigma_rad, height_m, view.tilt_sigma_rad) {
-            Some(found) if !person || is_a_body(&found, height_m.0, &elevation_rad, ends[1], width_rad) => {
+            Some(found)
+                if !person
+                    || (is_a_body(&found, height_m.0, &elevation_rad, ends[1], width_rad)
+                        && figure_m.is_none_or(|m| (found.range_m / m).ln().abs() < FIGURE_AGREES)) =>
+            {
                 range = Some(found);
             }
             // Feet that cannot be feet. What is not a person may well be above the floor.

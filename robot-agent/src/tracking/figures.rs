@@ -16,7 +16,11 @@
 
 mod silhouette;
 
-use silhouette::{CELL, LEVELS, Silhouette};
+pub(super) use silhouette::Shape;
+
+use std::sync::Arc;
+
+use silhouette::{CELL, LEVELS, Silhouette, Silhouettes};
 
 use super::View;
 use crate::motion::{Raster, Region, Run, Scene};
@@ -26,7 +30,15 @@ const FULL_EVIDENCE: f64 = 25.0;
 /// Widest search for a known body, cells each side.
 const MOST_REACH: i64 = 12;
 /// Levels each side that are tried for a known body.
-const LEVEL_REACH: f64 = 2.5;
+const LEVEL_REACH: f64 = 4.5;
+/// A distance is never looked for more narrowly than this, for errors of the fit last.
+const LEAST_LOG_RANGE_SIGMA: f64 = 0.12;
+/// One body is rather two further away if those explain so much more, as a part of what one of them fully gains; heads no
+/// nearer than this to each other, metres.
+const SPLIT_GAIN: f32 = 0.25;
+const SPLIT_APART_M: f64 = 0.33;
+/// Lowest height that the picture must show where two are told apart by their heads.
+const HEADS_M: f64 = 1.55;
 /// Rounds of the joint fit.
 const ROUNDS: usize = 2;
 /// What one body hides of those behind it, at most.
@@ -46,19 +58,21 @@ const NEARER: f64 = 1.0;
 
 /// A body that is looked for.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Sought {
+pub(super) struct Sought<'a> {
     /// Predicted column of the axis and its sigma, pixels.
     pub(super) column: f64,
     pub(super) column_sigma: f64,
     /// Predicted distance and the sigma of its logarithm.
     pub(super) range_m: f64,
     pub(super) log_range_sigma: f64,
+    /// What it looked like alone.
+    pub(super) shape: &'a Shape,
     /// Of two at one distance the one with more owns what both cover.
     pub(super) seniority: u32,
 }
 
 /// A body in this frame.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, PartialEq)]
 pub(super) struct Figure {
     /// Column of the axis from the fit, pixels, wrapped.
     pub(super) column: f64,
@@ -68,18 +82,36 @@ pub(super) struct Figure {
     pub(super) own: f32,
     /// Log-likelihood gained by what is its own, against what an average body would gain there: 1 as expected, 0 nothing.
     pub(super) support: f32,
+    /// Share of it that nobody covers or is covered by.
+    pub(super) apart: f32,
+    /// Log-likelihood gained by what no senior explains, against what the whole body would: whether it exists at all.
+    pub(super) evidence: f32,
+    place: Place,
+    seniority: u32,
+}
+
+/// A silhouette at a place.
+#[derive(Debug, Clone, PartialEq)]
+struct Place {
     cell: i64,
     level: usize,
-    seniority: u32,
+    silhouette: Arc<Silhouette>,
+}
+
+/// What is left to be explained of a frame: weights of the cells' marked and unmarked parts.
+#[derive(Debug, Clone)]
+struct Rest {
+    marked: Vec<f32>,
+    unmarked: Vec<f32>,
 }
 
 /// The model and the evidence of a frame.
 #[derive(Debug)]
 pub(super) struct Figures {
     raster: Raster,
-    silhouettes: Vec<Silhouette>,
-    /// Gain of a fully visible body.
-    full: Vec<f32>,
+    silhouettes: Silhouettes,
+    /// The highest place of the picture at each distance.
+    highest_m: Vec<f64>,
     columns: usize,
     rows: usize,
     /// Cells repeated at both ends of a row, so that no sum has to wrap.
@@ -95,22 +127,25 @@ impl Figures {
     pub(super) fn new(view: &View, raster: &Raster) -> Option<Self> {
         view.upright_row()?;
         let (camera_m, _) = view.height_m?;
-        let silhouettes = silhouette::all(view, raster, camera_m);
+        let silhouettes = Silhouettes::new(view, raster, camera_m);
         let columns = raster.width.div_ceil(CELL[0]);
-        let pad = silhouettes.iter().map(|s| s.half).max()?.min(columns / 2);
+        let pad = (0..LEVELS).map(|l| silhouettes.average(l).half).max()?;
         let rows = raster.height.div_ceil(CELL[1]);
         let len = rows * (columns + 2 * pad);
-        let full = silhouettes.iter().map(expected).collect();
+        let highest = view.angles_rad(0.0, 0.0)?.1;
+        let highest_m = (0..LEVELS).map(|l| camera_m + silhouettes.average(l).range_m * highest.tan()).collect();
         let column_rad = view.steps_rad(0.0, raster.height as f64 / 2.0)[0];
-        Some(Self {
+        let (marked, weight) = (vec![0.0; len], vec![0.0; len]);
+        // A ring that is narrower than somebody nearby is no panorama.
+        (2 * pad < columns).then_some(Self {
             raster: *raster,
             silhouettes,
-            full,
+            highest_m,
             columns,
             rows,
             pad,
-            marked: vec![0.0; len],
-            weight: vec![0.0; len],
+            marked,
+            weight,
             column_rad,
         })
     }
@@ -149,40 +184,65 @@ impl Figures {
     }
 
     /// Where the known bodies are, together.
-    pub(super) fn fit(&self, sought: &[Sought]) -> Vec<Figure> {
-        let mut places: Vec<(i64, usize)> =
-            sought.iter().map(|s| (self.cell_of(s.column), level_of(s.range_m))).collect();
+    pub(super) fn fit(&self, sought: &[Sought<'_>]) -> Vec<Figure> {
+        // Each as it looks at the distances that are tried.
+        let choices: Vec<Vec<Place>> = sought.iter().map(|s| self.choices(s)).collect();
+        let mut places: Vec<Place> = sought
+            .iter()
+            .zip(&choices)
+            .map(|(s, choices)| {
+                let away = |p: &&Place| (silhouette::level_of_range(s.range_m) - p.level as f64).abs();
+                choices.iter().min_by(|a, b| away(a).total_cmp(&away(b))).unwrap_or(&choices[0]).clone()
+            })
+            .collect();
         let mut order: Vec<usize> = (0..sought.len()).collect();
         order.sort_by(|a, b| sought[*a].range_m.total_cmp(&sought[*b].range_m));
-        for _ in 0..ROUNDS {
+        for round in 0..ROUNDS {
             let before = places.clone();
             for &k in &order {
-                let others = places.iter().enumerate().filter(|(j, _)| *j != k).map(|(_, p)| *p);
-                let free = self.free(others);
-                places[k] = self.best_place(&sought[k], &free);
+                let rest = self.rest(places.iter().enumerate().filter(|(j, _)| *j != k).map(|(_, p)| p));
+                places[k] = self.best_place(&sought[k], &choices[k], &rest);
+                if round == 0
+                    && let Some(pair) = self.two_instead(&places[k], &rest)
+                {
+                    let away = |p: &Place| self.raster.column_difference(self.column_of(p.cell), sought[k].column).abs();
+                    let [a, b] = pair;
+                    places[k] = if away(&a) <= away(&b) { a } else { b };
+                }
             }
-            if places == before {
+            if round > 0 && places == before {
                 break;
             }
         }
-        let figures: Vec<Figure> =
-            sought.iter().zip(&places).map(|(s, &(cell, level))| self.bare_figure(cell, level, s.seniority)).collect();
+        let figures = sought.iter().zip(places).map(|(s, place)| self.bare_figure(place, s.seniority)).collect();
         self.judge(figures)
     }
 
     /// New bodies in what `known` leave unexplained.
     pub(super) fn find(&self, known: &[Figure]) -> Vec<Figure> {
         let mut all = known.to_vec();
-        let mut free = self.free(known.iter().map(|f| (f.cell, f.level)));
+        let mut rest = self.rest(known.iter().map(|f| &f.place));
         while all.len() < known.len() + MOST_NEW {
-            let Some((cell, level)) = self.best_new(&free) else { break };
-            self.cover(&mut free, cell, level);
-            all.push(self.bare_figure(cell, level, 0));
+            let Some(place) = self.best_new(&rest) else { break };
+            self.explain(&mut rest, &place);
+            all.push(self.bare_figure(place, 0));
         }
         if all.len() == known.len() {
             return Vec::new();
         }
         self.judge(all).split_off(known.len())
+    }
+
+    /// Lets a shape follow a figure that is seen alone.
+    pub(super) fn learn(&self, figure: &Figure, shape: &mut Shape) {
+        let Place { cell, level, .. } = figure.place;
+        let half = self.silhouettes.average(level).half as i64;
+        let stride = self.stride();
+        self.silhouettes.learn(shape, level, |row, column| {
+            let at = (cell + column as i64 - half).rem_euclid(self.columns as i64) as usize;
+            let i = row * stride + self.pad + at;
+            (self.weight[i] > 0.5).then(|| self.marked[i])
+        });
     }
 
     /// The marked pixels that show each figure; `None` where there are none.
@@ -258,99 +318,173 @@ impl Figures {
         (((column - 1.0) / CELL[0] as f64).round() as i64).rem_euclid(self.columns as i64)
     }
 
-    fn bare_figure(&self, cell: i64, level: usize, seniority: u32) -> Figure {
-        let column = self.raster.wrap_column(cell as f64 * CELL[0] as f64 + 0.5 * (CELL[0] as f64 - 1.0));
-        Figure { column, range_m: self.silhouettes[level].range_m, own: 1.0, support: 0.0, cell, level, seniority }
+    fn column_of(&self, cell: i64) -> f64 {
+        self.raster.wrap_column(cell as f64 * CELL[0] as f64 + 0.5 * (CELL[0] as f64 - 1.0))
     }
 
-    /// Weight of each cell that is left when some bodies cover theirs.
-    fn free(&self, bodies: impl Iterator<Item = (i64, usize)>) -> Vec<f32> {
-        let mut free = self.weight.clone();
-        for (cell, level) in bodies {
-            self.cover(&mut free, cell, level);
+    fn average_at(&self, cell: i64, level: usize) -> Place {
+        Place {
+            cell: cell.rem_euclid(self.columns as i64),
+            level,
+            silhouette: Arc::clone(self.silhouettes.average(level)),
         }
-        free
     }
 
-    fn cover(&self, free: &mut [f32], cell: i64, level: usize) {
-        let s = &self.silhouettes[level];
+    fn bare_figure(&self, place: Place, seniority: u32) -> Figure {
+        let (column, range_m) = (self.column_of(place.cell), place.silhouette.range_m);
+        Figure { column, range_m, own: 1.0, support: 0.0, apart: 1.0, evidence: 0.0, place, seniority }
+    }
+
+    /// What is left to explain when some bodies explain theirs.
+    fn rest<'a>(&self, bodies: impl Iterator<Item = &'a Place>) -> Rest {
+        let mut rest = Rest {
+            marked: self.weight.iter().zip(&self.marked).map(|(w, m)| w * m).collect(),
+            unmarked: self.weight.iter().zip(&self.marked).map(|(w, m)| w * (1.0 - m)).collect(),
+        };
+        for place in bodies {
+            self.explain(&mut rest, place);
+        }
+        rest
+    }
+
+    /// Takes away what a body explains: a mark that it makes half of the time says little about another body there, an
+    /// unmarked cell nearly as much as ever. (Ratios of the log-likelihoods with and without the body.)
+    fn explain(&self, rest: &mut Rest, place: &Place) {
+        self.for_cells(place, |i, c| {
+            rest.marked[i] *= (1.0 - c).sqrt() / (1.0 + 6.0 * c);
+            rest.unmarked[i] *= 1.0 - 0.8 * c * c;
+        });
+        repeat_ends(&mut rest.marked, self.columns, self.pad);
+        repeat_ends(&mut rest.unmarked, self.columns, self.pad);
+    }
+
+    /// Weight of the cells that is not hidden by some bodies.
+    fn visible<'a>(&self, bodies: impl Iterator<Item = &'a Place>) -> Vec<f32> {
+        let mut visible = self.weight.clone();
+        for place in bodies {
+            self.for_cells(place, |i, c| visible[i] *= 1.0 - OPAQUE * c);
+        }
+        visible
+    }
+
+    /// Calls `f` with the index and the cover of each cell of a silhouette.
+    fn for_cells(&self, place: &Place, mut f: impl FnMut(usize, f32)) {
+        let s = &place.silhouette;
         let (stride, columns) = (self.stride(), self.columns as i64);
         for (row, cover) in s.cover.chunks_exact(s.width()).enumerate() {
             for (i, c) in cover.iter().enumerate() {
-                let at = (cell + i as i64 - s.half as i64).rem_euclid(columns) as usize;
-                free[row * stride + self.pad + at] *= 1.0 - OPAQUE * c;
+                let at = (place.cell + i as i64 - s.half as i64).rem_euclid(columns) as usize;
+                f(row * stride + self.pad + at, *c);
             }
         }
-        repeat_ends(free, self.columns, self.pad);
     }
 
-    /// Log-likelihood gained by a body, given the weights of the cells.
-    fn gain(&self, cell: i64, level: usize, free: &[f32]) -> f32 {
-        let s = &self.silhouettes[level];
-        let first = (cell.rem_euclid(self.columns as i64) as usize + self.pad) - s.half.min(self.pad);
+    /// Log-likelihood gained by a body, given what is left to explain.
+    fn gain(&self, cell: i64, s: &Silhouette, rest: &Rest) -> f32 {
+        let first = cell.rem_euclid(self.columns as i64) as usize + self.pad - s.half;
         let (stride, width) = (self.stride(), s.width());
-        let rows = s.unmarked.chunks_exact(width).zip(s.marked_more.chunks_exact(width));
+        let rows = s.unmarked.chunks_exact(width).zip(s.marked.chunks_exact(width));
         rows.enumerate()
-            .map(|(row, (unmarked, more))| {
+            .map(|(row, (unmarked, marked))| {
                 let at = row * stride + first;
-                gain_of_row(&free[at..at + width], &self.marked[at..at + width], unmarked, more)
+                gain_of_row(&rest.marked[at..at + width], &rest.unmarked[at..at + width], marked, unmarked)
             })
             .sum()
     }
 
-    fn best_place(&self, sought: &Sought, free: &[f32]) -> (i64, usize) {
-        let centre = self.cell_of(sought.column);
+    /// The distances that are tried for a body, at its predicted cell.
+    fn choices(&self, sought: &Sought<'_>) -> Vec<Place> {
+        let level = silhouette::level_of_range(sought.range_m);
+        let bound = |level: f64| level.clamp(0.0, (LEVELS - 1) as f64) as usize;
+        let cell = self.cell_of(sought.column);
+        (bound((level - LEVEL_REACH).ceil())..=bound((level + LEVEL_REACH).floor()))
+            .map(|level| Place { cell, level, silhouette: self.silhouettes.of(sought.shape, level) })
+            .collect()
+    }
+
+    fn best_place(&self, sought: &Sought<'_>, choices: &[Place], rest: &Rest) -> Place {
         let reach = ((2.5 * sought.column_sigma / CELL[0] as f64).ceil() as i64 + 1).min(MOST_REACH);
         let level = silhouette::level_of_range(sought.range_m);
-        let level_sigma = sought.log_range_sigma / level_log_step();
-        let first = (level - LEVEL_REACH).ceil().clamp(0.0, (LEVELS - 1) as f64) as usize;
-        let last = (level + LEVEL_REACH).floor().clamp(0.0, (LEVELS - 1) as f64) as usize;
-        let scale = FULL_EVIDENCE / f64::from(self.full[level_of(sought.range_m)]);
-        let mut best = (f64::NEG_INFINITY, (centre, level_of(sought.range_m)));
-        for l in first..=last {
-            let pull_level = (l as f64 - level) / level_sigma;
+        let level_sigma = sought.log_range_sigma.max(LEAST_LOG_RANGE_SIGMA) / level_log_step();
+        let full = choices.iter().map(|p| p.silhouette.full).fold(1.0, f32::max);
+        let scale = FULL_EVIDENCE / f64::from(full);
+        let mut best = (f64::NEG_INFINITY, &choices[0], 0);
+        for place in choices {
+            let pull_level = (place.level as f64 - level) / level_sigma;
             for step in -reach..=reach {
-                let column = (centre + step) as f64 * CELL[0] as f64 + 1.0;
+                let column = self.column_of(place.cell + step);
                 let pull = self.raster.column_difference(column, sought.column) / sought.column_sigma;
-                let cell = (centre + step).rem_euclid(self.columns as i64);
-                let total =
-                    scale * f64::from(self.gain(cell, l, free)) - 0.5 * (pull * pull + pull_level * pull_level);
+                let gain = f64::from(self.gain(place.cell + step, &place.silhouette, rest));
+                let total = scale * gain - 0.5 * (pull * pull + pull_level * pull_level);
                 if total > best.0 {
-                    best = (total, (cell, l));
+                    best = (total, place, step);
                 }
             }
         }
-        best.1
+        let (_, place, step) = best;
+        Place { cell: (place.cell + step).rem_euclid(self.columns as i64), ..place.clone() }
     }
 
-    fn best_new(&self, free: &[f32]) -> Option<(i64, usize)> {
+    /// Two bodies beside each other, further away than a body, that explain its marks better.
+    fn two_instead(&self, place: &Place, rest: &Rest) -> Option<[Place; 2]> {
+        let one = self.gain(place.cell, &place.silhouette, rest);
+        let reach = self.columns_of(0.5, place.silhouette.range_m) / CELL[0] as f64;
+        let reach = (reach.ceil() as i64).min(self.columns as i64 / 4);
+        let mut best: Option<(f32, [(i64, usize); 2])> = None;
+        for l in place.level..LEVELS.min(place.level + 14) {
+            if self.highest_m[l] < HEADS_M {
+                continue;
+            }
+            let s = self.silhouettes.average(l);
+            let apart = (self.columns_of(SPLIT_APART_M, s.range_m) / CELL[0] as f64).ceil() as usize;
+            let gains: Vec<f32> = (-reach..=reach).map(|step| self.gain(place.cell + step, s, rest)).collect();
+            for i in 0..gains.len() {
+                for j in i + apart.max(1)..gains.len() {
+                    let both = gains[i] + gains[j];
+                    if gains[i].min(gains[j]) > LEAST_GAIN * s.full
+                        && both > one + SPLIT_GAIN * s.full
+                        && best.is_none_or(|(most, _)| both > most)
+                    {
+                        best = Some((both, [i, j].map(|i| (place.cell - reach + i as i64, l))));
+                    }
+                }
+            }
+        }
+        let (_, pair) = best?;
+        let [a, b] = pair.map(|(cell, level)| self.average_at(cell, level));
+        let mut left = rest.clone();
+        self.explain(&mut left, &a);
+        let both = self.gain(a.cell, &a.silhouette, rest) + self.gain(b.cell, &b.silhouette, &left);
+        (both > one + SPLIT_GAIN * a.silhouette.full).then_some([a, b])
+    }
+
+    fn best_new(&self, rest: &Rest) -> Option<Place> {
         /// Cells of a column that must be unexplained for its middle to be somebody's axis.
         const LEAST_CELLS: f32 = 2.5;
         let stride = self.stride();
         let mut left = vec![0f32; self.columns];
         for row in 0..self.rows {
             let at = row * stride + self.pad;
-            for (sum, (f, m)) in left.iter_mut().zip(free[at..].iter().zip(&self.marked[at..])) {
-                *sum += f * m;
+            for (sum, m) in left.iter_mut().zip(&rest.marked[at..]) {
+                *sum += m;
             }
         }
-        let mut best: Option<(f32, (i64, usize))> = None;
-        for cell in (0..self.columns).filter(|c| left[*c] >= LEAST_CELLS) {
-            for level in 0..LEVELS {
-                let gain = self.gain(cell as i64, level, free);
-                if best.is_none_or(|(most, _)| gain > most) {
-                    best = Some((gain, (cell as i64, level)));
-                }
-            }
+        let mut found: Vec<(f32, i64, usize)> = Vec::new();
+        for cell in (0..self.columns as i64).filter(|c| left[*c as usize] >= LEAST_CELLS) {
+            let gains = (0..LEVELS).map(|l| (self.gain(cell, self.silhouettes.average(l), rest), cell, l));
+            found.extend(gains.max_by(|a, b| a.0.total_cmp(&b.0)));
         }
-        let (gain, place) = best?;
-        let enough = gain > LEAST_TOTAL && gain > LEAST_GAIN * self.full[place.1];
-        (enough && !self.is_part_of_more(place, free)).then_some(place)
+        found.sort_by(|a, b| b.0.total_cmp(&a.0));
+        found.into_iter().find_map(|(gain, cell, level)| {
+            let place = self.average_at(cell, level);
+            let enough = gain > LEAST_TOTAL && gain > LEAST_GAIN * place.silhouette.full;
+            (enough && !self.is_part_of_more(&place, rest)).then_some(place)
+        })
     }
 
     /// Whether what is marked goes on beside the body as densely as inside.
-    fn is_part_of_more(&self, (cell, level): (i64, usize), free: &[f32]) -> bool {
-        let s = &self.silhouettes[level];
+    fn is_part_of_more(&self, place: &Place, rest: &Rest) -> bool {
+        let s = &place.silhouette;
         let stride = self.stride();
         let beyond = (s.half / 2).max(2);
         let (mut inside, mut beside) = ([0f32; 2], [[0f32; 2]; 2]);
@@ -359,7 +493,7 @@ impl Figures {
                 continue;
             }
             for step in -((s.half + beyond) as i64)..=(s.half + beyond) as i64 {
-                let at = row * stride + self.pad + (cell + step).rem_euclid(self.columns as i64) as usize;
+                let at = row * stride + self.pad + (place.cell + step).rem_euclid(self.columns as i64) as usize;
                 let i = step + s.half as i64;
                 let c = if (0..s.width() as i64).contains(&i) { cover[i as usize] } else { 0.0 };
                 let sums = if c > 0.5 {
@@ -369,8 +503,8 @@ impl Figures {
                 } else {
                     continue;
                 };
-                sums[0] += free[at] * self.marked[at];
-                sums[1] += free[at];
+                sums[0] += rest.marked[at];
+                sums[1] += rest.marked[at] + rest.unmarked[at];
             }
         }
         let share = |[marked, all]: [f32; 2]| marked / all.max(1e-3);
@@ -380,25 +514,29 @@ impl Figures {
     /// What is each figure's own, and how well it is supported.
     fn judge(&self, mut figures: Vec<Figure>) -> Vec<Figure> {
         for k in 0..figures.len() {
-            let me = figures[k];
-            let before = figures.iter().enumerate().filter(|(j, f)| *j != k && precedes(f, *j, &me, k));
-            let free = self.free(before.map(|(_, f)| (f.cell, f.level)));
-            let s = &self.silhouettes[me.level];
-            let (mut own, mut all, mut expected) = (0f32, 0f32, 0f32);
-            let stride = self.stride();
-            for (row, cover) in s.cover.chunks_exact(s.width()).enumerate() {
-                for (i, c) in cover.iter().enumerate() {
-                    let column = (me.cell + i as i64 - s.half as i64).rem_euclid(self.columns as i64) as usize;
-                    let at = row * stride + self.pad + column;
-                    let k = row * s.width() + i;
-                    own += free[at] * c;
-                    all += self.weight[at] * c;
-                    expected += free[at] * (s.unmarked[k] + c * s.marked_more[k]);
-                }
-            }
-            let gain = self.gain(me.cell, me.level, &free);
-            figures[k].own = own / all.max(1e-3);
-            figures[k].support = gain / expected.max(1e-3);
+            let me = &figures[k];
+            let others = || figures.iter().enumerate().filter(|(j, _)| *j != k);
+            let in_front = || others().filter(|(j, f)| precedes(f, *j, me, k)).map(|(_, f)| &f.place);
+            let seniors = others().filter(|(j, f)| (f.seniority, k) > (me.seniority, *j)).map(|(_, f)| &f.place);
+            let free = self.visible(in_front());
+            let alone = self.visible(others().map(|(_, f)| &f.place));
+            let s = &me.place.silhouette;
+            let (mut own, mut apart, mut all, mut expected, mut full, mut next) = (0f32, 0f32, 0f32, 0f32, 0f32, 0);
+            self.for_cells(&me.place, |i, c| {
+                let gain = s.unmarked[next] + c * (s.marked[next] - s.unmarked[next]);
+                next += 1;
+                own += free[i] * c;
+                apart += alone[i] * c;
+                all += self.weight[i] * c;
+                expected += free[i] * gain;
+                full += self.weight[i] * gain;
+            });
+            let gain = self.gain(me.place.cell, s, &self.rest(in_front()));
+            let evidence = self.gain(me.place.cell, s, &self.rest(seniors)) / full.max(1e-3);
+            let all = all.max(1e-3);
+            let figure = &mut figures[k];
+            (figure.own, figure.apart, figure.support) = (own / all, apart / all, gain / expected.max(1e-3));
+            figure.evidence = evidence;
         }
         figures
     }
@@ -413,10 +551,10 @@ impl Figures {
         });
         for k in order {
             let f = &figures[k];
-            let s = &self.silhouettes[f.level];
+            let s = &f.place.silhouette;
             for (row, cover) in s.cover.chunks_exact(s.width()).enumerate() {
                 for (i, c) in cover.iter().enumerate() {
-                    let column = (f.cell + i as i64 - s.half as i64).rem_euclid(self.columns as i64) as usize;
+                    let column = (f.place.cell + i as i64 - s.half as i64).rem_euclid(self.columns as i64) as usize;
                     let at = row * self.columns + column;
                     let taken = strength[at] >= OWNED[1] || strength[at] >= *c;
                     if *c >= OWNED[0] && !taken {
@@ -434,34 +572,24 @@ const NOBODY: u8 = u8::MAX;
 /// Whether a figure is in front of another.
 fn precedes(a: &Figure, index_a: usize, b: &Figure, index_b: usize) -> bool {
     // By distance in whole steps, so that the order is one.
-    let step = |f: &Figure| (f.level as f64 / (NEARER + 1.0)) as usize;
+    let step = |f: &Figure| (f.place.level as f64 / (NEARER + 1.0)) as usize;
     (step(a), std::cmp::Reverse(a.seniority), index_a) < (step(b), std::cmp::Reverse(b.seniority), index_b)
-}
-
-fn level_of(range_m: f64) -> usize {
-    silhouette::level_of_range(range_m).round().clamp(0.0, (LEVELS - 1) as f64) as usize
 }
 
 fn level_log_step() -> f64 {
     (silhouette::range_of_level(1.0) / silhouette::range_of_level(0.0)).ln()
 }
 
-fn expected(s: &Silhouette) -> f32 {
-    s.cover.iter().zip(s.unmarked.iter().zip(&s.marked_more)).map(|(c, (u, m))| u + c * m).sum()
-}
-
-fn gain_of_row(free: &[f32], marked: &[f32], unmarked: &[f32], more: &[f32]) -> f32 {
+fn gain_of_row(marked: &[f32], unmarked: &[f32], if_marked: &[f32], if_unmarked: &[f32]) -> f32 {
     let mut sums = [0f32; 8];
-    let mut chunks = [free, marked, unmarked, more].map(|s| s.chunks_exact(8));
-    let tails = chunks.each_ref().map(|c| c.remainder());
-    let [f, m, u, d] = &mut chunks;
-    for (((f, m), u), d) in f.zip(m).zip(u).zip(d) {
+    let [m, u, a, b] = [marked, unmarked, if_marked, if_unmarked].map(|s| s.chunks_exact(8));
+    let [mt, ut, at, bt] = [&m, &u, &a, &b].map(|c| c.remainder());
+    for (((m, u), a), b) in m.zip(u).zip(a).zip(b) {
         for i in 0..8 {
-            sums[i] += f[i] * (u[i] + m[i] * d[i]);
+            sums[i] += m[i] * a[i] + u[i] * b[i];
         }
     }
-    let [f, m, u, d] = tails;
-    let tail: f32 = f.iter().zip(m).zip(u.iter().zip(d)).map(|((f, m), (u, d))| f * (u + m * d)).sum();
+    let tail: f32 = mt.iter().zip(at).chain(ut.iter().zip(bt)).map(|(w, g)| w * g).sum();
     sums.iter().sum::<f32>() + tail
 }
 

@@ -10,9 +10,15 @@ use crate::motion::{Object, Region, Scene};
 
 /// Support below which nobody is there.
 const LEAST_SUPPORT: f32 = 0.25;
+/// What a figure must explain in a frame to be seen, and of late to exist, beyond what seniors explain.
+const LEAST_EVIDENCE: f32 = 0.12;
+const LEAST_MEAN_EVIDENCE: f64 = 0.1;
 /// Own share below which somebody is hidden by others, and below which he is not seen alone.
 const LEAST_OWN: f32 = 0.25;
 const ALONE: f32 = 0.85;
+/// The same for somebody new.
+const NEW_SUPPORT: f32 = 0.4;
+const NEW_OWN: f32 = 0.5;
 /// Share of the pixels that must be in moving objects for the person to move.
 const MOVING: f64 = 0.4;
 /// Fellow robots reach this far above the horizon (their masts are too thin to matter), and their outlines this far beyond
@@ -29,10 +35,10 @@ struct Look {
 
 impl Tracker {
     /// A frame of a panorama from a known height.
-    pub(super) fn step_people(&mut self, scene: &Scene<'_>, capture: Timestamp, peers: &[PeerBearing]) {
+    pub(super) fn step_people(&mut self, scene: &Scene<'_>, capture: Timestamp, dt_s: f64, peers: &[PeerBearing]) {
         let Some(mut figures) = self.figures.take() else { return };
         figures.look(scene, &self.robots(peers));
-        let sought: Vec<Sought> = self.tracks.iter().map(super::Track::sought).collect();
+        let sought: Vec<Sought<'_>> = self.tracks.iter().map(super::Track::sought).collect();
         let mut all = figures.fit(&sought);
         let known = all.len();
         all.extend(figures.find(&all));
@@ -52,11 +58,16 @@ impl Tracker {
         for t in 0..known {
             let look = looks.next().flatten();
             let figure = &all[t];
-            let seen = figure.own >= LEAST_OWN && figure.support >= LEAST_SUPPORT;
+            let seen = figure.own >= LEAST_OWN && figure.support >= LEAST_SUPPORT && figure.evidence >= LEAST_EVIDENCE;
             let track = &mut self.tracks[t];
+            track.debug = [figure.own, figure.support, figure.evidence];
+            track.weigh(f64::from(figure.evidence), dt_s);
             match look.filter(|_| seen) {
                 Some(look) => {
                     self.areas.push((track.id, look.area));
+                    if figure.apart >= ALONE {
+                        figures.learn(figure, &mut track.figure_shape);
+                    }
                     track.see_figure(look.sighting, capture, &self.raster);
                 }
                 None => track.miss(),
@@ -64,14 +75,15 @@ impl Tracker {
         }
         for (figure, look) in all[known..].iter().zip(looks) {
             let Some(look) = look.filter(|l| l.sighting.moves && !l.ghost) else { continue };
-            let enough = figure.own >= LEAST_OWN && figure.support >= LEAST_SUPPORT;
+            let enough = figure.own >= NEW_OWN && figure.support >= NEW_SUPPORT;
             if enough && self.tracks.len() < association::MAX_SIDE {
                 let track = super::Track::of_figure(self.next_track_id(), look.sighting, capture);
                 self.areas.push((track.id, look.area));
                 self.tracks.push(track);
             }
         }
-        self.drop_doubles();
+        // Whom nothing speaks for that seniors do not explain is a part of them.
+        self.tracks.retain(|t| t.evidence > LEAST_MEAN_EVIDENCE);
         self.figures = Some(figures);
     }
 
@@ -107,27 +119,11 @@ impl Tracker {
             range_m: figure.range_m,
             trunk_width: (0.42 / figure.range_m).atan() / step,
             alone,
+            apart: figure.apart >= ALONE,
             moves: moves as f64 > MOVING * region.area as f64,
             appearance: Appearance::of(region, scene),
         };
         Look { sighting, area: region.area, ghost: ghosts as f64 > 0.5 * region.area as f64 }
-    }
-
-    /// Two tracks on one body: the younger goes.
-    fn drop_doubles(&mut self) {
-        let raster = self.raster;
-        let twin = |a: &super::Track, b: &super::Track| {
-            let near = raster.column_difference(a.filter.column, b.filter.column).abs() < 0.4 * a.trunk_width.min(b.trunk_width);
-            near && (a.log_range - b.log_range).abs() < 0.3
-        };
-        let gone: Vec<_> = self
-            .tracks
-            .iter()
-            .filter(|t| self.tracks.iter().any(|o| (o.hits, t.id) > (t.hits, o.id) && o.id != t.id && twin(o, t)))
-            .filter(|t| t.misses > 0 || !t.confirmed)
-            .map(|t| t.id)
-            .collect();
-        self.tracks.retain(|t| !gone.contains(&t.id));
     }
 }
 

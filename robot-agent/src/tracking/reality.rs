@@ -65,6 +65,10 @@ fn peers(dir: &Path, robot: &Path, camera: &MountedCamera, geometry: &PanoramaGe
         .collect()
 }
 
+fn view_bearing_deg(tracker: &Tracker, column: f64) -> f64 {
+    tracker.view().angles_rad(column, 80.0).map_or(f64::NAN, |(b, _)| b.to_degrees().round())
+}
+
 #[derive(Debug, Clone)]
 struct Person {
     id: String,
@@ -224,8 +228,33 @@ fn recorded_robots_see_the_people() {
                 let Some(found) = *found else {
                     *missed_by.entry(p.id.clone()).or_default() += 1;
                     if std::env::var("MISSED").is_ok() && i % 5 == 0 {
+                        let near: Vec<String> = tracker
+                            .tracks
+                            .iter()
+                            .filter(|t| {
+                                let at = view_bearing_deg(&tracker, t.filter.column);
+                                difference(at.to_radians(), bearing(p)).abs() < 0.3
+                            })
+                            .map(|t| {
+                                format!(
+                                    "{}:{:?}{} {}° {:.1}m hits {} miss {} moving {} trav {:.0} own {:.2} sup {:.2} ev {:.2}",
+                                    t.id,
+                                    t.state,
+                                    if t.confirmed { "" } else { "?" },
+                                    view_bearing_deg(&tracker, t.filter.column),
+                                    t.log_range.exp(),
+                                    t.hits,
+                                    t.misses,
+                                    t.moving_hits,
+                                    t.travelled,
+                                    t.debug[0],
+                                    t.debug[1],
+                                    t.debug[2]
+                                )
+                            })
+                            .collect();
                         eprintln!(
-                            "{robot} {i} missed {} at {:.0}° {:.1} m",
+                            "{robot} {i} missed {} at {:.0}° {:.1} m; {near:?}",
                             p.id,
                             bearing(p).to_degrees(),
                             (p.x - rx).hypot(p.y - ry)
@@ -235,8 +264,22 @@ fn recorded_robots_see_the_people() {
                 };
                 covered += 1;
                 let track = &tracks[found];
-                if names.insert(p.id.clone(), track.id).is_some_and(|old| old != track.id) {
+                if let Some(old) = names.insert(p.id.clone(), track.id).filter(|old| *old != track.id) {
                     switches += 1;
+                    if std::env::var("SWITCHES").is_ok() {
+                        let before = tracker.tracks.iter().find(|t| t.id == old).map(|t| {
+                            (t.state, view_bearing_deg(&tracker, t.filter.column), t.log_range.exp(), t.misses)
+                        });
+                        let now = tracker.tracks.iter().find(|t| t.id == track.id).map(|t| (t.state, t.hits, t.log_range.exp()));
+                        eprintln!(
+                            "{robot} {i} switch of {} at {:.0}° {:.1} m: {old} {before:?} to {} at {:.0}° {now:?}",
+                            p.id,
+                            bearing(p).to_degrees(),
+                            (p.x - rx).hypot(p.y - ry),
+                            track.id,
+                            track.bearing_rad.to_degrees()
+                        );
+                    }
                 }
                 let error = difference(track.bearing_rad, bearing(p));
                 let distance = (p.x - rx).hypot(p.y - ry);

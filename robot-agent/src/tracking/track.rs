@@ -16,7 +16,7 @@ use protocol::time::Timestamp;
 use super::appearance::Appearance;
 use super::association::Shape;
 use super::body::{Body, Strip};
-use super::figures::Sought;
+use super::figures::{Shape as FigureShape, Sought};
 use super::class::Votes;
 use super::extent::Extent;
 use super::filter::AxisFilter;
@@ -68,6 +68,10 @@ pub(super) struct Track {
     /// Logarithm of the distance in metres that its figure has, and its sigma.
     pub(super) log_range: f64,
     pub(super) log_range_sigma: f64,
+    pub(super) figure_shape: FigureShape,
+    /// What its figures explained of late that no senior did, 0 … about 1.
+    pub(super) evidence: f64,
+    pub(super) debug: [f32; 3],
 }
 
 /// A person in a frame.
@@ -82,8 +86,9 @@ pub(super) struct Sighting {
     pub(super) range_m: f64,
     /// Columns of shoulders at that distance.
     pub(super) trunk_width: f64,
-    /// Nobody in front.
+    /// Nobody in front; nobody in front, behind or beside.
     pub(super) alone: bool,
+    pub(super) apart: bool,
     pub(super) moves: bool,
     pub(super) appearance: Appearance,
 }
@@ -121,6 +126,9 @@ impl Track {
             announced: false,
             log_range: 0.0,
             log_range_sigma: 1.0,
+            figure_shape: FigureShape::default(),
+            evidence: 0.5,
+            debug: [0.0; 3],
         };
         track.shape = shape_of(body);
         track
@@ -164,18 +172,28 @@ impl Track {
             announced: false,
             log_range: s.range_m.ln(),
             log_range_sigma: 0.3,
+            figure_shape: FigureShape::default(),
+            evidence: 0.5,
+            debug: [0.0; 3],
         }
     }
 
     /// Where its figure should be.
-    pub(super) fn sought(&self) -> Sought {
+    pub(super) fn sought(&self) -> Sought<'_> {
         Sought {
             column: self.filter.column,
             column_sigma: self.filter.sigma().hypot(0.15 * self.trunk_width).max(1.0),
             range_m: self.log_range.exp(),
             log_range_sigma: self.log_range_sigma,
+            shape: &self.figure_shape,
             seniority: self.hits,
         }
+    }
+
+    /// What this frame says about its existence.
+    pub(super) fn weigh(&mut self, evidence: f64, dt_s: f64) {
+        const MEMORY_S: f64 = 0.7;
+        self.evidence += (1.0 - (-dt_s / MEMORY_S).exp()) * (evidence.clamp(-0.5, 1.0) - self.evidence);
     }
 
     /// Seen as a figure.
@@ -184,9 +202,11 @@ impl Track {
         self.filter.update(s.axis, sigma, raster);
         // One frame's distance is known to a fifth.
         const FRAME_SIGMA: f64 = 0.2;
-        let gain = self.log_range_sigma.powi(2) / (self.log_range_sigma.powi(2) + FRAME_SIGMA * FRAME_SIGMA);
-        self.log_range += gain * (s.range_m.ln() - self.log_range);
-        self.log_range_sigma *= (1.0 - gain).sqrt();
+        if s.apart {
+            let gain = self.log_range_sigma.powi(2) / (self.log_range_sigma.powi(2) + FRAME_SIGMA * FRAME_SIGMA);
+            self.log_range += gain * (s.range_m.ln() - self.log_range);
+            self.log_range_sigma *= (1.0 - gain).sqrt();
+        }
         let found = [(s.rows[0] + s.rows[1]) as f64 / 2.0, s.arc.width as f64, (s.rows[1] - s.rows[0] + 1) as f64];
         for (old, new) in [&mut self.shape.y, &mut self.shape.w, &mut self.shape.h].into_iter().zip(found) {
             *old += 0.4 * (new - *old);

@@ -4,6 +4,8 @@
 //! the trunk, half in the legs, now and then where the arms and the stride reach. Heights of 1.5 to 1.9 m are averaged. The
 //! shares are of a standing or walking adult as in anthropometric tables (shoulders 0.45 m, hips 0.35 m, head 0.16 m).
 
+use std::sync::Arc;
+
 use crate::motion::Raster;
 use crate::tracking::View;
 
@@ -38,7 +40,7 @@ const OUTLINE: [(f64, [f64; 3]); 9] = [
 const COVER: [f64; 3] = [0.92, 0.6, 0.2];
 
 /// One distance: cells `rows` × (2 · `half` + 1), centred on the axis.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, PartialEq)]
 pub(super) struct Silhouette {
     /// Along the floor, metres.
     pub(super) range_m: f64,
@@ -48,8 +50,10 @@ pub(super) struct Silhouette {
     pub(super) cover: Vec<f32>,
     /// Log-likelihood ratio (body there : not there) of a cell that is not marked …
     pub(super) unmarked: Vec<f32>,
-    /// … and how much more it is when the cell is marked.
-    pub(super) marked_more: Vec<f32>,
+    /// … and of one that is.
+    pub(super) marked: Vec<f32>,
+    /// Gain of a body that is marked as often as expected.
+    pub(super) full: f32,
 }
 
 impl Silhouette {
@@ -57,19 +61,114 @@ impl Silhouette {
     pub(super) fn width(&self) -> usize {
         2 * self.half + 1
     }
+
+    fn of_cover(range_m: f64, half: usize, cover: Vec<f32>) -> Self {
+        let ratios = |c: &f32| {
+            let marked = CLUTTER + (DETECTION - CLUTTER) * c;
+            let unmarked = ((1.0 - marked) / (1.0 - CLUTTER)).ln();
+            (unmarked, (marked / CLUTTER).ln())
+        };
+        let (unmarked, marked): (Vec<f32>, Vec<f32>) = cover.iter().map(ratios).unzip();
+        let full = cover.iter().zip(unmarked.iter().zip(&marked)).map(|(c, (u, m))| u + c * (m - u)).sum();
+        Self { range_m, half, cover, unmarked, marked, full }
+    }
 }
 
-/// All distances, nearest first.
-pub(super) fn all(view: &View, raster: &Raster, camera_m: f64) -> Vec<Silhouette> {
-    let rows = raster.height.div_ceil(CELL[1]);
-    let column_rad = CELL[0] as f64 * view.steps_rad(0.0, raster.height as f64 / 2.0)[0];
-    let tangents: Vec<f64> = (0..rows)
-        .map(|row| {
-            let middle = row as f64 * CELL[1] as f64 + 0.5 * (CELL[1] as f64 - 1.0);
-            view.angles_rad(0.0, middle.min(raster.height as f64 - 1.0)).map_or(0.0, |(_, elevation)| elevation.tan())
-        })
-        .collect();
-    (0..LEVELS).map(|level| one(range_of_level(level as f64), camera_m, column_rad, &tangents)).collect()
+/// What one person covers, learnt while nobody was in front or beside: in metres about the axis, so that it holds at any
+/// distance. It knows the person's height and breadth, and which clothes cannot be told from what is behind.
+#[derive(Debug, Clone)]
+pub(in crate::tracking) struct Shape {
+    share: Vec<f32>,
+    frames: f32,
+}
+
+/// Size of a shape's bins (across, up) and their number, metres.
+const BIN_M: [f64; 2] = [0.06, 0.1];
+const BINS: [usize; 2] = [25, 21];
+/// Frames for which the average outline counts beside what is learnt.
+const PRIOR_FRAMES: f32 = 4.0;
+/// Frames over which a shape is averaged.
+const MOST_FRAMES: f32 = 12.0;
+
+impl Default for Shape {
+    fn default() -> Self {
+        Self { share: vec![0.0; BINS[0] * BINS[1]], frames: 0.0 }
+    }
+}
+
+impl Shape {
+    fn bin(x_m: f64, z_m: f64) -> Option<usize> {
+        let across = (x_m / BIN_M[0]).round() + (BINS[0] / 2) as f64;
+        let up = (z_m / BIN_M[1]).floor();
+        let inside = (0.0..BINS[0] as f64).contains(&across) && (0.0..BINS[1] as f64).contains(&up);
+        inside.then(|| up as usize * BINS[0] + across as usize)
+    }
+}
+
+/// Silhouettes at all distances, of the average person and of known ones.
+#[derive(Debug)]
+pub(super) struct Silhouettes {
+    average: Vec<Arc<Silhouette>>,
+    /// Distance across and height of each cell of each silhouette, metres.
+    places: Vec<Vec<(f32, f32)>>,
+}
+
+impl Silhouettes {
+    /// For a view.
+    pub(super) fn new(view: &View, raster: &Raster, camera_m: f64) -> Self {
+        let rows = raster.height.div_ceil(CELL[1]);
+        let column_rad = CELL[0] as f64 * view.steps_rad(0.0, raster.height as f64 / 2.0)[0];
+        let tangents: Vec<f64> = (0..rows)
+            .map(|row| {
+                let middle = row as f64 * CELL[1] as f64 + 0.5 * (CELL[1] as f64 - 1.0);
+                view.angles_rad(0.0, middle.min(raster.height as f64 - 1.0)).map_or(0.0, |(_, e)| e.tan())
+            })
+            .collect();
+        let (average, places) =
+            (0..LEVELS).map(|l| average(range_of_level(l as f64), camera_m, column_rad, &tangents)).unzip();
+        Self { average, places }
+    }
+
+    /// The average person at a level.
+    pub(super) fn average(&self, level: usize) -> &Arc<Silhouette> {
+        &self.average[level]
+    }
+
+    /// A known person at a level.
+    pub(super) fn of(&self, shape: &Shape, level: usize) -> Arc<Silhouette> {
+        let average = &self.average[level];
+        if shape.frames == 0.0 {
+            return Arc::clone(average);
+        }
+        let known = shape.frames / (shape.frames + PRIOR_FRAMES);
+        let blend = |(c, (x, z)): (&f32, &(f32, f32))| {
+            let learnt = Shape::bin(f64::from(*x), f64::from(*z)).map_or(0.0, |bin| shape.share[bin]);
+            c + known * (learnt - c)
+        };
+        let cover = average.cover.iter().zip(&self.places[level]).map(blend).collect();
+        Arc::new(Silhouette::of_cover(average.range_m, average.half, cover))
+    }
+
+    /// Lets a shape follow what is marked: `marked(row, column)` gives the share marked of the silhouette's cells, `None`
+    /// where it cannot be told.
+    pub(super) fn learn(&self, shape: &mut Shape, level: usize, marked: impl Fn(usize, usize) -> Option<f32>) {
+        let width = self.average[level].width();
+        let mut sums = vec![(0f32, 0f32); shape.share.len()];
+        for (i, (x, z)) in self.places[level].iter().enumerate() {
+            if let Some(bin) = Shape::bin(f64::from(*x), f64::from(*z))
+                && let Some(share) = marked(i / width, i % width)
+            {
+                sums[bin].0 += share;
+                sums[bin].1 += 1.0;
+            }
+        }
+        shape.frames = (shape.frames + 1.0).min(MOST_FRAMES);
+        for (share, (sum, n)) in shape.share.iter_mut().zip(sums) {
+            if n > 0.0 {
+                *share += (sum / n - *share) / shape.frames;
+            }
+        }
+    }
 }
 
 /// Distance of a level, metres.
@@ -82,16 +181,10 @@ pub(super) fn level_of_range(range_m: f64) -> f64 {
     (range_m.max(1e-3) / RANGE_M[0]).ln() / (RANGE_M[1] / RANGE_M[0]).ln() * (LEVELS - 1) as f64
 }
 
-fn one(range_m: f64, camera_m: f64, column_rad: f64, tangents: &[f64]) -> Silhouette {
+fn average(range_m: f64, camera_m: f64, column_rad: f64, tangents: &[f64]) -> (Arc<Silhouette>, Vec<(f32, f32)>) {
     let reach_m = OUTLINE.iter().map(|(_, half)| half[2]).fold(0.0, f64::max) * HEIGHTS_M[HEIGHTS_M.len() - 1];
     let half = ((reach_m / range_m).atan().min(WIDEST_RAD) / column_rad).ceil() as usize;
-    let mut silhouette = Silhouette {
-        range_m,
-        half,
-        cover: Vec::with_capacity(tangents.len() * (2 * half + 1)),
-        unmarked: Vec::new(),
-        marked_more: Vec::new(),
-    };
+    let (mut cover, mut places) = (Vec::new(), Vec::new());
     for tangent in tangents {
         let z_m = camera_m + range_m * tangent;
         for column in 0..=2 * half {
@@ -103,13 +196,11 @@ fn one(range_m: f64, camera_m: f64, column_rad: f64, tangents: &[f64]) -> Silhou
                 .flat_map(|x_m| HEIGHTS_M.iter().map(move |h| cover_at(z_m / h, x_m / h)))
                 .sum::<f64>()
                 / (3 * HEIGHTS_M.len()) as f64;
-            let marked = CLUTTER + (DETECTION - CLUTTER) * share as f32;
-            silhouette.cover.push(share as f32);
-            silhouette.unmarked.push(((1.0 - marked) / (1.0 - CLUTTER)).ln());
-            silhouette.marked_more.push((marked / CLUTTER).ln() - ((1.0 - marked) / (1.0 - CLUTTER)).ln());
+            cover.push(share as f32);
+            places.push(((range_m * aside.tan()) as f32, z_m as f32));
         }
     }
-    silhouette
+    (Arc::new(Silhouette::of_cover(range_m, half, cover)), places)
 }
 
 /// Share of time in which a body covers a place at a height and a distance from its axis, both as parts of its height.
