@@ -32,8 +32,8 @@ use protocol::time::Timestamp;
 pub use background::{Background, BackgroundMode, LearningRate};
 pub use gate::{region_moves, scene_changed};
 pub use raster::{Arc, Raster};
-pub use regions::{MAX_RUNS, Region, group};
 pub(crate) use regions::Run;
+pub use regions::{MAX_RUNS, Region, group};
 
 use filter::Majority;
 use halo::Halo;

@@ -479,8 +479,16 @@ impl Tracker {
             let trunk_rad = track.trunk_width * step;
             let figure_m = self.figures.is_some().then(|| track.log_range.exp());
             let person = !matches!(track.class(), ObjectClass::Robot | ObjectClass::Other);
-            let extent =
-                extent::measure(scene, &self.view, track.axis, track.rows, trunk_rad.min(width_rad), shared, person, figure_m);
+            let extent = extent::measure(
+                scene,
+                &self.view,
+                track.axis,
+                track.rows,
+                trunk_rad.min(width_rad),
+                shared,
+                person,
+                figure_m,
+            );
             track.extent = Some(extent);
             if !shared && let Some((bearing, _)) = self.view.angles_rad(track.axis, middle) {
                 track.votes.add(class::of_one_sight(bearing, width_rad, &extent, &self.view, peers));

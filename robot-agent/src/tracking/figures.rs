@@ -205,7 +205,8 @@ impl Figures {
                 if round == 0
                     && let Some(pair) = self.two_instead(&places[k], &rest)
                 {
-                    let away = |p: &Place| self.raster.column_difference(self.column_of(p.cell), sought[k].column).abs();
+                    let away =
+                        |p: &Place| self.raster.column_difference(self.column_of(p.cell), sought[k].column).abs();
                     let [a, b] = pair;
                     places[k] = if away(&a) <= away(&b) { a } else { b };
                 }
@@ -285,7 +286,16 @@ impl Figures {
                 let z = view
                     .angles_rad(0.0, f64::from(run.row))
                     .map_or(0.0, |(_, elevation)| camera_m + figure.range_m * elevation.tan());
-                row_weight.push((run.row, if z > 1.3 { 1.5 } else if z > 0.72 { 1.0 } else { 0.4 }));
+                row_weight.push((
+                    run.row,
+                    if z > 1.3 {
+                        1.5
+                    } else if z > 0.72 {
+                        1.0
+                    } else {
+                        0.4
+                    },
+                ));
             }
         }
         for _ in 0..3 {
@@ -547,7 +557,11 @@ impl Figures {
         let mut order: Vec<usize> = (0..figures.len().min(usize::from(NOBODY))).collect();
         // Those in front first.
         order.sort_by(|&a, &b| {
-            if precedes(&figures[a], a, &figures[b], b) { std::cmp::Ordering::Less } else { std::cmp::Ordering::Greater }
+            if precedes(&figures[a], a, &figures[b], b) {
+                std::cmp::Ordering::Less
+            } else {
+                std::cmp::Ordering::Greater
+            }
         });
         for k in order {
             let f = &figures[k];

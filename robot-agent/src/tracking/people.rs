@@ -60,7 +60,6 @@ impl Tracker {
             let figure = &all[t];
             let seen = figure.own >= LEAST_OWN && figure.support >= LEAST_SUPPORT && figure.evidence >= LEAST_EVIDENCE;
             let track = &mut self.tracks[t];
-            track.debug = [figure.own, figure.support, figure.evidence];
             track.weigh(f64::from(figure.evidence), dt_s);
             match look.filter(|_| seen) {
                 Some(look) => {

@@ -36,7 +36,13 @@ fn panoramas(dir: &Path, lut: &Lut, pixels: usize) -> Vec<(f64, Vec<u8>)> {
 }
 
 /// Fellow robots in each frame, found once and kept beside the frames.
-fn peers(dir: &Path, robot: &Path, camera: &MountedCamera, geometry: &PanoramaGeometry, lut: &Lut) -> Vec<Vec<PeerBearing>> {
+fn peers(
+    dir: &Path,
+    robot: &Path,
+    camera: &MountedCamera,
+    geometry: &PanoramaGeometry,
+    lut: &Lut,
+) -> Vec<Vec<PeerBearing>> {
     let cache = robot.join("peers.json");
     if !cache.exists() {
         let markers = [serde_json::from_str(&std::fs::read_to_string(dir.join("markers.json")).unwrap()).unwrap()];
@@ -55,13 +61,21 @@ fn peers(dir: &Path, robot: &Path, camera: &MountedCamera, geometry: &PanoramaGe
             let frame = frame.unwrap();
             lut.unwarp(&frame.gray, &mut panorama).unwrap();
             let found = detector.follow(&frame.gray, &panorama);
-            all.push(found.iter().map(|p| PeerBearing::of(&p.to_sighting())).map(|p| [p.bearing_rad, p.half_width_rad]).collect());
+            all.push(
+                found
+                    .iter()
+                    .map(|p| PeerBearing::of(&p.to_sighting()))
+                    .map(|p| [p.bearing_rad, p.half_width_rad])
+                    .collect(),
+            );
         }
         std::fs::write(&cache, serde_json::to_string(&all).unwrap()).unwrap();
     }
     let all: Vec<Vec<[f64; 2]>> = serde_json::from_str(&std::fs::read_to_string(cache).unwrap()).unwrap();
     all.into_iter()
-        .map(|f| f.into_iter().map(|[bearing_rad, half_width_rad]| PeerBearing { bearing_rad, half_width_rad }).collect())
+        .map(|f| {
+            f.into_iter().map(|[bearing_rad, half_width_rad]| PeerBearing { bearing_rad, half_width_rad }).collect()
+        })
         .collect()
 }
 
@@ -237,7 +251,7 @@ fn recorded_robots_see_the_people() {
                             })
                             .map(|t| {
                                 format!(
-                                    "{}:{:?}{} {}° {:.1}m hits {} miss {} moving {} trav {:.0} own {:.2} sup {:.2} ev {:.2}",
+                                    "{}:{:?}{} {}° {:.1}m hits {} miss {} moving {} trav {:.0} evidence {:.2}",
                                     t.id,
                                     t.state,
                                     if t.confirmed { "" } else { "?" },
@@ -247,9 +261,7 @@ fn recorded_robots_see_the_people() {
                                     t.misses,
                                     t.moving_hits,
                                     t.travelled,
-                                    t.debug[0],
-                                    t.debug[1],
-                                    t.debug[2]
+                                    t.evidence
                                 )
                             })
                             .collect();
@@ -270,7 +282,11 @@ fn recorded_robots_see_the_people() {
                         let before = tracker.tracks.iter().find(|t| t.id == old).map(|t| {
                             (t.state, view_bearing_deg(&tracker, t.filter.column), t.log_range.exp(), t.misses)
                         });
-                        let now = tracker.tracks.iter().find(|t| t.id == track.id).map(|t| (t.state, t.hits, t.log_range.exp()));
+                        let now = tracker
+                            .tracks
+                            .iter()
+                            .find(|t| t.id == track.id)
+                            .map(|t| (t.state, t.hits, t.log_range.exp()));
                         eprintln!(
                             "{robot} {i} switch of {} at {:.0}° {:.1} m: {old} {before:?} to {} at {:.0}° {now:?}",
                             p.id,

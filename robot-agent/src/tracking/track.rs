@@ -16,9 +16,9 @@ use protocol::time::Timestamp;
 use super::appearance::Appearance;
 use super::association::Shape;
 use super::body::{Body, Strip};
-use super::figures::{Shape as FigureShape, Sought};
 use super::class::Votes;
 use super::extent::Extent;
+use super::figures::{Shape as FigureShape, Sought};
 use super::filter::AxisFilter;
 use super::group::Placed;
 use crate::motion::{Arc, Patch, Raster};
@@ -71,7 +71,6 @@ pub(super) struct Track {
     pub(super) figure_shape: FigureShape,
     /// What its figures explained of late that no senior did, 0 … about 1.
     pub(super) evidence: f64,
-    pub(super) debug: [f32; 3],
 }
 
 /// A person in a frame.
@@ -128,7 +127,6 @@ impl Track {
             log_range_sigma: 1.0,
             figure_shape: FigureShape::default(),
             evidence: 0.5,
-            debug: [0.0; 3],
         };
         track.shape = shape_of(body);
         track
@@ -174,7 +172,6 @@ impl Track {
             log_range_sigma: 0.3,
             figure_shape: FigureShape::default(),
             evidence: 0.5,
-            debug: [0.0; 3],
         }
     }
 
