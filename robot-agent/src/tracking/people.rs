@@ -55,9 +55,8 @@ impl Tracker {
             .collect();
         self.areas.clear();
         let mut looks = looks.into_iter();
-        for t in 0..known {
+        for (t, figure) in all[..known].iter().enumerate() {
             let look = looks.next().flatten();
-            let figure = &all[t];
             let seen = figure.own >= LEAST_OWN && figure.support >= LEAST_SUPPORT && figure.evidence >= LEAST_EVIDENCE;
             let track = &mut self.tracks[t];
             track.weigh(f64::from(figure.evidence), dt_s);
@@ -67,7 +66,7 @@ impl Tracker {
                     if figure.apart >= ALONE {
                         figures.learn(figure, &mut track.figure_shape);
                     }
-                    track.see_figure(look.sighting, capture, &self.raster);
+                    track.see_figure(&look.sighting, capture, &self.raster);
                 }
                 None => track.miss(),
             }

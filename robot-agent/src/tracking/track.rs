@@ -194,7 +194,7 @@ impl Track {
     }
 
     /// Seen as a figure.
-    pub(super) fn see_figure(&mut self, s: Sighting, now: Timestamp, raster: &Raster) {
+    pub(super) fn see_figure(&mut self, s: &Sighting, now: Timestamp, raster: &Raster) {
         let sigma = s.axis_sigma;
         self.filter.update(s.axis, sigma, raster);
         // One frame's distance is known to a fifth.
