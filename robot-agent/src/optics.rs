@@ -9,17 +9,25 @@
 
 pub mod axial;
 mod camera_file;
+pub mod conic;
+pub mod ellipsoidal;
 pub mod fisheye;
+pub mod hyperboloidal;
 pub mod jacobian;
 #[cfg(test)]
 mod laws;
 mod lens_distortion;
+pub mod mirror;
+pub mod misaligned;
 mod mounted;
 mod mounting;
 pub mod pal;
+pub mod paraboloidal;
 pub mod parameter;
 pub mod pinhole;
 pub mod polynomial;
+mod root;
+pub mod spherical;
 pub mod unified_sphere;
 
 use std::sync::Arc;
@@ -27,13 +35,20 @@ use std::sync::Arc;
 use nalgebra::{Matrix2x3, Vector2, Vector3};
 
 pub use camera_file::{CameraFile, MODELS, camera_toml};
+pub use conic::{Conic, ConicParameters};
+pub use ellipsoidal::{Ellipsoidal, EllipsoidalParameters};
 pub use fisheye::{Fisheye, FisheyeLaw, FisheyeParameters};
+pub use hyperboloidal::{Hyperboloidal, HyperboloidalParameters};
+pub use mirror::CameraSide;
+pub use misaligned::{Misaligned, Misalignment};
 pub use mounted::{Mask, MountedCamera, Resolution, Timing};
 pub use mounting::{Mounting, MountingSigma};
 pub use pal::{Pal, PalDesign};
+pub use paraboloidal::{Paraboloidal, ParaboloidalParameters};
 pub use parameter::{Parameter, ParameterError};
 pub use pinhole::{Pinhole, PinholeParameters};
 pub use polynomial::{Polynomial, PolynomialParameters};
+pub use spherical::{Spherical, SphericalParameters};
 pub use unified_sphere::{UnifiedSphere, UnifiedSphereParameters};
 
 /// What a pixel sees: a half-line, in metres.
@@ -43,6 +58,15 @@ pub struct Ray {
     pub origin_m: Vector3<f64>,
     /// Unit vector away from the camera.
     pub direction: Vector3<f64>,
+}
+
+/// Where the optical axis meets the picture, and the pixels of a unit on the plane at unit distance from the pinhole.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct NormalisedPlane {
+    /// (u₀, v₀), px.
+    pub centre_px: [f64; 2],
+    /// (fx, fy), px.
+    pub focal_length_px: [f64; 2],
 }
 
 /// A camera model without its mounting. Points are in the camera's frame: origin V of `MATHS.md` §3 for the PALs, the
@@ -69,9 +93,24 @@ pub trait Camera: std::fmt::Debug + Send + Sync {
     /// The ray of an image position, also beyond the picture's edge; `None` where there is none.
     fn ray_of_image(&self, pixel: &Vector2<f64>) -> Option<Ray>;
 
+    /// Whether an image position, which may lie beyond the picture's edge, is one that the model is for.
+    fn is_in_field_of_view(&self, _pixel: &Vector2<f64>) -> bool {
+        true
+    }
+
     /// Whether a position is in the picture and in the field of view, provided that it has a ray.
     fn is_in_domain(&self, pixel: &Vector2<f64>) -> bool {
-        is_in_image(pixel, self.image_size_px())
+        is_in_image(pixel, self.image_size_px()) && self.is_in_field_of_view(pixel)
+    }
+
+    /// The image plane at unit distance from the camera's pinhole; `None` for cameras that have more than one or none.
+    fn normalised_plane(&self) -> Option<NormalisedPlane> {
+        None
+    }
+
+    /// How the camera stands askew to its optics, where it does.
+    fn misalignment(&self) -> Option<Misalignment> {
+        None
     }
 
     /// Elevations [lowest, highest] in radians that the camera sees somewhere.

@@ -10,7 +10,7 @@ use std::sync::{Arc, OnceLock};
 use nalgebra::{Vector2, Vector3};
 
 use super::parameter::{Design, check_aspect, check_centre, check_elevations};
-use super::{Camera, Parameter, ParameterError, Ray, is_in_image};
+use super::{Camera, NormalisedPlane, Parameter, ParameterError, Ray};
 
 /// Slack of the domain's ends, so that the ends themselves belong to it despite rounding.
 const DOMAIN_SLACK_PX: f64 = 1e-7;
@@ -39,10 +39,13 @@ pub trait AxialOptics: std::fmt::Debug + Clone + Send + Sync + 'static {
         self.radius_of_zenith(r_mm.atan2(z_mm))
     }
 
-    /// Whether all rays pass the origin.
-    fn is_central(&self) -> bool {
-        true
+    /// The point of the axis that all rays pass (z, mm); `None` where there is none.
+    fn single_viewpoint_mm(&self) -> Option<f64> {
+        Some(0.0)
     }
+
+    /// Of the camera that looks at the optics, px along v.
+    fn focal_length_px(&self) -> f64;
 }
 
 /// Where the axis meets the picture, and how the picture is held against the optics.
@@ -137,7 +140,8 @@ impl<D: AxialDesign> Axial<D> {
 
     fn viewpoint_mm(&self) -> (f64, f64) {
         *self.viewpoint_mm.get_or_init(|| {
-            if self.optics.is_central() { (0.0, 0.0) } else { best_viewpoint_mm(&self.optics, self.radius_px) }
+            let single = self.optics.single_viewpoint_mm().map(|z| (z, 0.0));
+            single.unwrap_or_else(|| best_viewpoint_mm(&self.optics, self.radius_px))
         })
     }
 }
@@ -180,11 +184,14 @@ impl<D: AxialDesign> Camera for Axial<D> {
         })
     }
 
-    fn is_in_domain(&self, pixel: &Vector2<f64>) -> bool {
+    fn is_in_field_of_view(&self, pixel: &Vector2<f64>) -> bool {
         let radius = self.offset_px(pixel).norm();
-        is_in_image(pixel, self.image_size_px)
-            && radius >= self.radius_px[0] - DOMAIN_SLACK_PX
-            && radius <= self.radius_px[1] + DOMAIN_SLACK_PX
+        radius >= self.radius_px[0] - DOMAIN_SLACK_PX && radius <= self.radius_px[1] + DOMAIN_SLACK_PX
+    }
+
+    fn normalised_plane(&self) -> Option<NormalisedPlane> {
+        let focal = self.optics.focal_length_px();
+        Some(NormalisedPlane { centre_px: self.plane.centre_px, focal_length_px: [self.plane.aspect * focal, focal] })
     }
 
     fn elevation_rad(&self) -> [f64; 2] {
@@ -219,6 +226,28 @@ impl<D: AxialDesign> Camera for Axial<D> {
     fn viewpoint_miss_m(&self) -> f64 {
         self.viewpoint_mm().1 * M_FROM_MM
     }
+}
+
+/// Where a ray, prolonged backwards, crosses the axis: z in mm, its sagittal viewpoint.
+pub fn axis_crossing_mm(ray: &AxialRay) -> f64 {
+    let (sin, cos) = ray.zenith_rad.sin_cos();
+    ray.origin_mm[1] - ray.origin_mm[0] * cos / sin
+}
+
+/// The point (r, z) in mm where the ray of an image radius touches its neighbours, its tangential viewpoint, by central
+/// differences; `None` where a ray is missing and for rays that are parallel.
+pub fn caustic_mm(optics: &impl AxialOptics, radius_px: f64) -> Option<[f64; 2]> {
+    // Relative truncation 10⁻⁸ and rounding 10⁻¹¹ of the slopes.
+    let step = 1e-4 * radius_px;
+    let ray = optics.ray_of_radius(radius_px)?;
+    let (plus, minus) = (optics.ray_of_radius(radius_px + step)?, optics.ray_of_radius(radius_px - step)?);
+    let turn = plus.zenith_rad - minus.zenith_rad;
+    (turn != 0.0).then_some(())?;
+    // o + s u with (o + s u)′ ⊥ n, where u = (sin ζ, cos ζ) and n = (cos ζ, −sin ζ) = u′/ζ′.
+    let (sin, cos) = ray.zenith_rad.sin_cos();
+    let across = |i: usize| plus.origin_mm[i] - minus.origin_mm[i];
+    let s = -(across(0) * cos - across(1) * sin) / turn;
+    Some([ray.origin_mm[0] + s * sin, ray.origin_mm[1] + s * cos])
 }
 
 /// (cos θ, sin θ); θ = 0 on the axis, where every azimuth is the same.

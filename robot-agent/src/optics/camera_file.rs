@@ -11,6 +11,7 @@ use std::sync::Arc;
 
 use protocol::document::{Document, DocumentError};
 
+use super::parameter::Design;
 use super::{Camera, Mask, MountedCamera, Mounting, Timing};
 
 pub use models::MODELS;
@@ -76,6 +77,9 @@ pub fn camera_toml(camera: &dyn Camera) -> String {
     let mut text = format!("model = \"{}\"\nimage_size_px = {:?}\n", camera.model(), camera.image_size_px());
     let mut tables = toml::Table::new();
     tables.insert(camera.model().to_owned(), camera.table().into());
+    if let Some(misalignment) = camera.misalignment() {
+        tables.insert("misalignment".to_owned(), misalignment.table().into());
+    }
     text.push_str(&toml::to_string(&tables).expect("a table is TOML"));
     text
 }

@@ -20,6 +20,7 @@ use serde::{Deserialize, Serialize};
 use super::ParameterError;
 use super::axial::{Axial, AxialDesign, AxialOptics, AxialRay, ImagePlane};
 use super::parameter::{Design, Numbers, check_finite, check_focal_lengths, one_or_each};
+use super::root::root;
 
 /// A field of view ends this much before the radius turns back.
 const TURN_MARGIN_RAD: f64 = 1e-3;
@@ -127,6 +128,10 @@ impl AxialOptics for FisheyeOptics {
         (zenith_rad <= self.limit_rad).then_some(AxialRay { origin_mm: [0.0; 2], zenith_rad })
     }
 
+    fn focal_length_px(&self) -> f64 {
+        self.focal_length_px
+    }
+
     fn radius_of_zenith(&self, theta: f64) -> Option<f64> {
         let x = match self.law {
             FisheyeLaw::Equidistant => theta,
@@ -140,28 +145,13 @@ impl AxialOptics for FisheyeOptics {
 }
 
 impl FisheyeOptics {
-    /// θ with θ + k₁θ³ + … = x by Newton inside a bracket; up to the limit the polynomial rises.
+    /// θ with θ + k₁θ³ + … = x; up to the limit the polynomial rises.
     fn inverse(&self, x: f64) -> Option<f64> {
-        const STEPS: usize = 60;
-        let (mut low, mut high) = (0.0, self.limit_rad);
-        (x <= kannala_brandt(self.k, high).0).then_some(())?;
-        let mut theta = x.min(high);
-        for _ in 0..STEPS {
+        (x <= kannala_brandt(self.k, self.limit_rad).0).then_some(())?;
+        root(0.0, self.limit_rad, x, |theta| {
             let (value, slope) = kannala_brandt(self.k, theta);
-            if value > x {
-                high = theta;
-            } else {
-                low = theta;
-            }
-            let newton = theta - (value - x) / slope;
-            let next = if newton >= low && newton <= high { newton } else { 0.5 * (low + high) };
-            let step = (next - theta).abs();
-            theta = next;
-            if step < 1e-16 {
-                break;
-            }
-        }
-        Some(theta)
+            (value - x, slope)
+        })
     }
 }
 

@@ -112,6 +112,10 @@ impl AxialDesign for PalDesign {
 }
 
 impl AxialOptics for Meridian {
+    fn focal_length_px(&self) -> f64 {
+        self.focal_length_px
+    }
+
     fn ray_of_radius(&self, radius_px: f64) -> Option<AxialRay> {
         let ray = Self::ray_of_radius(self, radius_px)?;
         Some(AxialRay { origin_mm: ray.exit_mm, zenith_rad: ray.zeta_out })
@@ -125,8 +129,8 @@ impl AxialOptics for Meridian {
         self.radius_of_ray(&self.ray_of_point(r_mm, z_mm)?)
     }
 
-    fn is_central(&self) -> bool {
-        false
+    fn single_viewpoint_mm(&self) -> Option<f64> {
+        None
     }
 }
 

@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 
 use super::lens_distortion::LensDistortion;
 use super::parameter::{Design, check_centre, check_finite, check_focal_lengths, design, one_or_each};
-use super::{Camera, Parameter, ParameterError, Ray, elevations_on_the_picture};
+use super::{Camera, NormalisedPlane, Parameter, ParameterError, Ray, elevations_on_the_picture};
 
 /// The parameters of `[pinhole]` in `camera.toml`.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -86,6 +86,11 @@ impl Camera for Pinhole {
         let undistorted = self.lens.undistort(&distorted)?;
         let direction = Vector3::new(1.0, -undistorted.x, -undistorted.y).normalize();
         Some(Ray { origin_m: Vector3::zeros(), direction })
+    }
+
+    fn normalised_plane(&self) -> Option<NormalisedPlane> {
+        let p = &self.parameters;
+        Some(NormalisedPlane { centre_px: p.centre_px, focal_length_px: p.focal_length_px })
     }
 
     fn elevation_rad(&self) -> [f64; 2] {

@@ -17,7 +17,8 @@ use serde::{Deserialize, Serialize};
 
 use super::axial::is_somewhere;
 use super::parameter::{Design, Numbers, check_centre, check_finite};
-use super::{Camera, Parameter, ParameterError, Ray, elevations_on_the_picture, is_in_image};
+use super::root::root;
+use super::{Camera, NormalisedPlane, Parameter, ParameterError, Ray, elevations_on_the_picture, is_in_image};
 
 /// Furthest that `inverse` may be off `forward` on the picture before they belong to different cameras, px.
 const MAX_DISAGREEMENT_PX: f64 = 2.0;
@@ -241,28 +242,6 @@ fn horner(coefficients: &[f64], x: f64) -> (f64, f64) {
     coefficients.iter().rev().fold((0.0, 0.0), |(value, slope), c| (value * x + c, slope * x + value))
 }
 
-/// The root of a function that is negative left of it and positive right of it, by Newton inside a bracket.
-fn root(mut low: f64, mut high: f64, start: f64, function: impl Fn(f64) -> (f64, f64)) -> Option<f64> {
-    const STEPS: usize = 80;
-    let mut x = if start > low && start < high { start } else { 0.5 * (low + high) };
-    for _ in 0..STEPS {
-        let (value, slope) = function(x);
-        if value > 0.0 {
-            high = x;
-        } else {
-            low = x;
-        }
-        let newton = x - value / slope;
-        let next = if newton >= low && newton <= high { newton } else { 0.5 * (low + high) };
-        let step = (next - x).abs();
-        x = next;
-        if step <= 1e-15 * x.abs() {
-            break;
-        }
-    }
-    x.is_finite().then_some(x)
-}
-
 impl Camera for Polynomial {
     fn model(&self) -> &'static str {
         "polynomial"
@@ -290,6 +269,12 @@ impl Camera for Polynomial {
         let (sin, cos) = self.theta_of_radius(rho)?.sin_cos();
         let azimuth = if rho > 0.0 { offset / rho } else { Vector2::x() };
         Some(Ray { origin_m: Vector3::zeros(), direction: Vector3::new(cos * azimuth.x, cos * azimuth.y, -sin) })
+    }
+
+    fn normalised_plane(&self) -> Option<NormalisedPlane> {
+        let forward = self.parameters.forward.first();
+        let focal = forward.map_or_else(|| horner(&self.parameters.inverse, -FRAC_PI_2).1, |f| -f);
+        Some(NormalisedPlane { centre_px: self.parameters.centre_px, focal_length_px: [focal; 2] })
     }
 
     fn elevation_rad(&self) -> [f64; 2] {

@@ -17,7 +17,7 @@ use serde::{Deserialize, Serialize};
 use super::axial::is_somewhere;
 use super::lens_distortion::LensDistortion;
 use super::parameter::{Design, check_centre, check_finite, check_focal_lengths, design, one_or_each};
-use super::{Camera, Parameter, ParameterError, Ray, elevations_on_the_picture, is_in_image};
+use super::{Camera, NormalisedPlane, Parameter, ParameterError, Ray, elevations_on_the_picture, is_in_image};
 
 /// The parameters of `[unified-sphere]` in `camera.toml`.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -125,6 +125,11 @@ impl Camera for UnifiedSphere {
         let factor = (xi + root.sqrt()) / (1.0 + s);
         let direction = Vector3::new(factor * m.x, factor * m.y, factor - xi).normalize();
         Some(Ray { origin_m: Vector3::zeros(), direction })
+    }
+
+    fn normalised_plane(&self) -> Option<NormalisedPlane> {
+        let p = &self.parameters;
+        Some(NormalisedPlane { centre_px: p.centre_px, focal_length_px: p.focal_length_px })
     }
 
     fn elevation_rad(&self) -> [f64; 2] {

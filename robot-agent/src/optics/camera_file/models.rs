@@ -7,8 +7,10 @@ use serde::Deserialize;
 
 use super::raw::{MaskTable, MountingTable, Problem, TimingTable};
 use crate::optics::{
-    Camera, Fisheye, FisheyeParameters, Pal, PalDesign, Pinhole, PinholeParameters, Polynomial, PolynomialParameters,
-    UnifiedSphere, UnifiedSphereParameters,
+    Camera, Conic, ConicParameters, Ellipsoidal, EllipsoidalParameters, Fisheye, FisheyeParameters, Hyperboloidal,
+    HyperboloidalParameters, Misaligned, Misalignment, Pal, PalDesign, Paraboloidal, ParaboloidalParameters, Pinhole,
+    PinholeParameters, Polynomial, PolynomialParameters, Spherical, SphericalParameters, UnifiedSphere,
+    UnifiedSphereParameters,
 };
 
 macro_rules! models {
@@ -23,6 +25,7 @@ macro_rules! models {
             model: String,
             pub(super) image_size_px: [u32; 2],
             $(#[serde(rename = $name)] $field: Option<$table>,)+
+            misalignment: Option<Misalignment>,
             #[serde(default)]
             pub(super) mounting: MountingTable,
             pub(super) mask: Option<MaskTable>,
@@ -36,7 +39,7 @@ macro_rules! models {
                 self.check_tables(&[$(($name, self.$field.is_some())),+])?;
                 $(if let Some(table) = &self.$field {
                     return match <$camera>::new(table.clone(), self.image_size_px) {
-                        Ok(camera) => Ok(Arc::new(camera)),
+                        Ok(camera) => misaligned(Arc::new(camera), self.misalignment),
                         Err(error) => Err(Problem::parameter($name, error)),
                     };
                 })+
@@ -50,6 +53,11 @@ models! {
     pal "pal" PalDesign => Pal,
     unified_sphere "unified-sphere" UnifiedSphereParameters => UnifiedSphere,
     polynomial "polynomial" PolynomialParameters => Polynomial,
+    hyperboloidal "hyperboloidal" HyperboloidalParameters => Hyperboloidal,
+    paraboloidal "paraboloidal" ParaboloidalParameters => Paraboloidal,
+    ellipsoidal "ellipsoidal" EllipsoidalParameters => Ellipsoidal,
+    spherical "spherical" SphericalParameters => Spherical,
+    conic "conic" ConicParameters => Conic,
     fisheye "fisheye" FisheyeParameters => Fisheye,
     pinhole "pinhole" PinholeParameters => Pinhole,
 }
@@ -67,6 +75,14 @@ impl File {
             }
         }
         Ok(())
+    }
+}
+
+fn misaligned(camera: Arc<dyn Camera>, misalignment: Option<Misalignment>) -> Result<Arc<dyn Camera>, Problem> {
+    let Some(misalignment) = misalignment else { return Ok(camera) };
+    match Misaligned::new(camera, misalignment) {
+        Ok(camera) => Ok(Arc::new(camera)),
+        Err(error) => Err(Problem::parameter("misalignment", error)),
     }
 }
 
