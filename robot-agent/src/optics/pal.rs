@@ -6,12 +6,18 @@
 //!
 //! Source: report section 3.4 and 3.5 with errata, `MATHS.md` §3.
 
+pub mod conicoid;
 mod meridian;
+pub mod orthographic;
+pub mod single_viewpoint;
+mod window;
+
 use std::f64::consts::FRAC_PI_2;
 
 use serde::{Deserialize, Serialize};
 
-pub use meridian::{Meridian, MeridianRay};
+pub use meridian::Meridian;
+pub use window::{MeridianRay, Window};
 
 use super::ParameterError;
 use super::axial::{Axial, AxialDesign, AxialOptics, AxialRay, ImagePlane};
@@ -117,16 +123,15 @@ impl AxialOptics for Meridian {
     }
 
     fn ray_of_radius(&self, radius_px: f64) -> Option<AxialRay> {
-        let ray = Self::ray_of_radius(self, radius_px)?;
-        Some(AxialRay { origin_mm: ray.exit_mm, zenith_rad: ray.zeta_out })
+        Self::ray_of_radius(self, radius_px).map(AxialRay::from)
     }
 
     fn radius_of_zenith(&self, zenith_rad: f64) -> Option<f64> {
-        self.radius_of_ray(&self.ray_of_zenith(zenith_rad)?)
+        self.radius_of_ray(&self.window.ray_of_zenith(zenith_rad)?)
     }
 
     fn radius_of_point(&self, r_mm: f64, z_mm: f64) -> Option<f64> {
-        self.radius_of_ray(&self.ray_of_point(r_mm, z_mm)?)
+        self.radius_of_ray(&self.window.ray_of_point(r_mm, z_mm)?)
     }
 
     fn single_viewpoint_mm(&self) -> Option<f64> {
@@ -134,26 +139,64 @@ impl AxialOptics for Meridian {
     }
 }
 
+impl From<MeridianRay> for AxialRay {
+    fn from(ray: MeridianRay) -> Self {
+        Self { origin_mm: ray.exit_mm, zenith_rad: ray.zeta_out }
+    }
+}
+
 fn check_values(d: &PalDesign) -> Result<(), ParameterError> {
-    let error = |key, value: f64, expected: &str| Err(ParameterError::new(key, value, expected));
-    check_length_mm("ellipsoid_a_mm", d.ellipsoid_a_mm)?;
-    check_length_mm("ellipsoid_c_mm", d.ellipsoid_c_mm)?;
-    check_length_mm("hyperboloid_a_mm", d.hyperboloid_a_mm)?;
-    check_length_mm("hyperboloid_c_mm", d.hyperboloid_c_mm)?;
-    check_length_mm("refraction_a_mm", d.refraction_a_mm)?;
-    if d.ellipsoid_c_mm >= d.ellipsoid_a_mm {
-        return error("ellipsoid_c_mm", d.ellipsoid_c_mm, "less than ellipsoid_a_mm (an ellipsoid has c < a)");
-    }
-    if d.hyperboloid_c_mm <= d.hyperboloid_a_mm {
-        return error("hyperboloid_c_mm", d.hyperboloid_c_mm, "more than hyperboloid_a_mm (a hyperboloid has c > a)");
-    }
-    if !(d.refraction_eccentricity >= 0.0 && d.refraction_eccentricity < 1.0) {
-        return error("refraction_eccentricity", d.refraction_eccentricity, "in [0, 1), 0 for a sphere about V");
-    }
-    if !(d.refractive_index >= 1.0 && d.refractive_index < 4.0) {
-        return error("refractive_index", d.refractive_index, "in [1, 4), 1.5168 for BK7, 1 without refraction");
-    }
+    check_ellipsoid(d.ellipsoid_a_mm, d.ellipsoid_c_mm)?;
+    check_hyperboloid(d.hyperboloid_a_mm, d.hyperboloid_c_mm)?;
+    check_window(d.refraction_a_mm, d.refraction_eccentricity)?;
+    check_glass(d.refractive_index)?;
     check_positive_px("focal_length_px", d.focal_length_px)
+}
+
+/// The first mirror.
+fn check_ellipsoid(a_mm: f64, c_mm: f64) -> Result<(), ParameterError> {
+    check_length_mm("ellipsoid_a_mm", a_mm)?;
+    check_length_mm("ellipsoid_c_mm", c_mm)?;
+    if c_mm < a_mm {
+        return Ok(());
+    }
+    Err(ParameterError::new("ellipsoid_c_mm", c_mm, "less than ellipsoid_a_mm (an ellipsoid has c < a)"))
+}
+
+/// The second mirror.
+fn check_hyperboloid(a_mm: f64, c_mm: f64) -> Result<(), ParameterError> {
+    check_length_mm("hyperboloid_a_mm", a_mm)?;
+    check_length_mm("hyperboloid_c_mm", c_mm)?;
+    if c_mm > a_mm {
+        return Ok(());
+    }
+    Err(ParameterError::new("hyperboloid_c_mm", c_mm, "more than hyperboloid_a_mm (a hyperboloid has c > a)"))
+}
+
+fn check_window(a_mm: f64, eccentricity: f64) -> Result<(), ParameterError> {
+    check_length_mm("refraction_a_mm", a_mm)?;
+    if (0.0..1.0).contains(&eccentricity) {
+        return Ok(());
+    }
+    Err(ParameterError::new("refraction_eccentricity", eccentricity, "in [0, 1), 0 for a sphere about V"))
+}
+
+fn check_glass(refractive_index: f64) -> Result<(), ParameterError> {
+    if (1.0..4.0).contains(&refractive_index) {
+        return Ok(());
+    }
+    let expected = "in [1, 4), 1.5168 for BK7, 1 without refraction";
+    Err(ParameterError::new("refractive_index", refractive_index, expected))
+}
+
+/// A direction from V is either mirror or window: the window's zenith angles ζ and the mirror's π − ζ must not meet.
+fn check_horizon(window: &Window, elevation_deg: [f64; 2]) -> Result<(), ParameterError> {
+    let horizon = window.ray_of_zenith_inside(FRAC_PI_2).map_or(f64::NAN, |ray| 90.0 - ray.zeta_out.to_degrees());
+    if elevation_deg[0] >= horizon - 1e-6 {
+        return Ok(());
+    }
+    let expected = format!("above {horizon:.2} degrees, where the mirror begins on the outside of the glass");
+    Err(ParameterError::new("elevation_deg", elevation_deg, expected))
 }
 
 /// Both ends of the field of view must come through the glass and off both mirrors, on radii that fit the picture.
@@ -168,14 +211,8 @@ fn check_light_path(d: &PalDesign, m: &Meridian, image_size_px: [u32; 2]) -> Res
             )
         })
     };
-    let [low, high] = d.elevation_deg;
-    // A direction from V is either mirror or window: the window's zenith angles ζ and the mirror's π − ζ must not meet.
-    let horizon = m.ray_of_zenith_inside(FRAC_PI_2).map_or(f64::NAN, |ray| 90.0 - ray.zeta_out.to_degrees());
-    if low < horizon - 1e-6 {
-        let expected = format!("above {horizon:.2} degrees, where the mirror begins on the outside of the glass");
-        return Err(ParameterError::new("elevation_deg", d.elevation_deg, expected));
-    }
-    let (outer, inner) = (radius(low)?, radius(high)?);
+    check_horizon(&m.window, d.elevation_deg)?;
+    let (outer, inner) = (radius(d.elevation_deg[0])?, radius(d.elevation_deg[1])?);
     let diagonal = f64::from(image_size_px[0]).hypot(f64::from(image_size_px[1]));
     if outer - inner < 4.0 || inner > diagonal {
         return Err(ParameterError::new(

@@ -8,9 +8,10 @@ use serde::Deserialize;
 use super::raw::{MaskTable, MountingTable, Problem, TimingTable};
 use crate::optics::{
     Camera, Conic, ConicParameters, Ellipsoidal, EllipsoidalParameters, Fisheye, FisheyeParameters, Hyperboloidal,
-    HyperboloidalParameters, Misaligned, Misalignment, Pal, PalDesign, Paraboloidal, ParaboloidalParameters, Pinhole,
-    PinholeParameters, Polynomial, PolynomialParameters, Spherical, SphericalParameters, UnifiedSphere,
-    UnifiedSphereParameters,
+    HyperboloidalParameters, Misaligned, Misalignment, Mosaic, MosaicParameters, Pal, PalConicoid, PalConicoidDesign,
+    PalDesign, PalOrthographic, PalOrthographicDesign, PalSingleViewpoint, PalSingleViewpointDesign, Paraboloidal,
+    ParaboloidalParameters, Pinhole, PinholeParameters, Polynomial, PolynomialParameters, Pyramid, PyramidParameters,
+    Spherical, SphericalParameters, UnifiedSphere, UnifiedSphereParameters,
 };
 
 macro_rules! models {
@@ -51,6 +52,9 @@ macro_rules! models {
 
 models! {
     pal "pal" PalDesign => Pal,
+    pal_orthographic "pal-orthographic" PalOrthographicDesign => PalOrthographic,
+    pal_single_viewpoint "pal-single-viewpoint" PalSingleViewpointDesign => PalSingleViewpoint,
+    pal_conicoid "pal-conicoid" PalConicoidDesign => PalConicoid,
     unified_sphere "unified-sphere" UnifiedSphereParameters => UnifiedSphere,
     polynomial "polynomial" PolynomialParameters => Polynomial,
     hyperboloidal "hyperboloidal" HyperboloidalParameters => Hyperboloidal,
@@ -58,8 +62,10 @@ models! {
     ellipsoidal "ellipsoidal" EllipsoidalParameters => Ellipsoidal,
     spherical "spherical" SphericalParameters => Spherical,
     conic "conic" ConicParameters => Conic,
+    pyramid "pyramid" PyramidParameters => Pyramid,
     fisheye "fisheye" FisheyeParameters => Fisheye,
     pinhole "pinhole" PinholeParameters => Pinhole,
+    mosaic "mosaic" MosaicParameters => Mosaic,
 }
 
 impl File {

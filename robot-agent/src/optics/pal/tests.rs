@@ -66,8 +66,8 @@ fn derived_constants_are_golden() {
     let (_, golden, tol) = golden("pal.design.derived");
     let m = *camera(|_| {}).optics();
     let gain = m.half_angle_gain;
-    let e_r = m.refraction_eccentricity;
-    let a_r = m.refraction_p_mm / (1.0 - e_r * e_r);
+    let e_r = m.window.eccentricity;
+    let a_r = m.window.p_mm / (1.0 - e_r * e_r);
     for (key, ours) in [
         ("be", m.ellipsoid_b_mm),
         ("bh", m.hyperboloid_b_mm),
@@ -80,8 +80,8 @@ fn derived_constants_are_golden() {
         ("gamma", 2.0 * m.focal_length_px * gain / (gain * gain + 1.0)),
         ("cR", a_r * e_r),
         ("bR", a_r * (1.0 - e_r * e_r).sqrt()),
-        ("pR", m.refraction_p_mm),
-        ("kappa", m.kappa),
+        ("pR", m.window.p_mm),
+        ("kappa", m.window.kappa),
     ] {
         assert_rel(ours, &golden[key], tol);
     }
@@ -96,7 +96,7 @@ fn backprojection_meets_every_surface_where_the_tracer_does() {
         let ray = m.ray_of_radius(r_image).unwrap();
         let h = m.point_on_hyperboloid_mm(r_image).unwrap();
         let e = m.point_on_ellipsoid_mm(&ray);
-        let caustic = m.caustic_mm(&ray);
+        let caustic = m.window.caustic_mm(&ray);
         for i in 0..2 {
             assert_rel(h[i], &row["H"][i], tol);
             assert_rel(e[i], &row["E"][i], tol);
@@ -106,7 +106,7 @@ fn backprojection_meets_every_surface_where_the_tracer_does() {
         assert_rel(ray.zeta_in, &row["zeta_in"], tol);
         assert_rel(ray.zeta_out, &row["zeta_out"], tol);
         assert_rel(90.0 - ray.zeta_out.to_degrees(), &row["elev_out_deg"], tol);
-        assert_rel(m.axis_crossing_mm(&ray), &row["z_axis_cross"], tol);
+        assert_rel(m.window.axis_crossing_mm(&ray), &row["z_axis_cross"], tol);
     }
 }
 
@@ -151,7 +151,7 @@ fn the_viewpoint_s_locus_is_golden() {
     let (_, golden, tol) = golden("pal.caustic");
     let camera = camera(|d| d.elevation_deg = [-15.0, 20.0]);
     let crossing = |zenith_deg: f64| {
-        camera.optics().axis_crossing_mm(&camera.optics().ray_of_zenith(zenith_deg.to_radians()).unwrap())
+        camera.optics().window.axis_crossing_mm(&camera.optics().window.ray_of_zenith(zenith_deg.to_radians()).unwrap())
     };
     assert_rel(crossing(70.0), &golden["zx_min"], tol);
     assert_rel(crossing(105.0), &golden["zx_max"], tol);
