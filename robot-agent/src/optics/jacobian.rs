@@ -1,7 +1,7 @@
 //! How a pixel moves with the point and with the camera's parameters.
 //!
-//! Central differences of smooth maps: with steps that move pixels by a hundredth, truncation and rounding both stay
-//! below 10⁻⁷ of the derivative for every model here (the laws compare with other steps, and with closed forms).
+//! Central differences of smooth maps: with steps that move pixels by a few thousandths, truncation and rounding both
+//! stay below 10⁻⁶ of the derivative for every model here (the laws compare with other steps, and with closed forms).
 
 use std::sync::Arc;
 
@@ -12,7 +12,7 @@ use super::{Camera, ParameterError};
 /// Step along a point's coordinates over its distance.
 const STEP: f64 = 1e-5;
 /// How far a parameter's step moves the pixel that it moves most.
-const MOVE_PX: f64 = 0.01;
+const MOVE_PX: f64 = 0.003;
 
 /// ∂pixel/∂point, 2×3, px/m.
 pub fn of_point(

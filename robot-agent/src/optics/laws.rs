@@ -116,7 +116,7 @@ pub(crate) fn jacobians_are_slopes(camera: &dyn Camera) {
         }
         let Some(columns) = by_parameters.at(&point) else { continue };
         for (i, column) in columns.iter().enumerate() {
-            let step = 5.0 * steps[i];
+            let step = 0.4 * steps[i];
             let moved = |step: f64| {
                 let mut values = values.clone();
                 values[i] += step;

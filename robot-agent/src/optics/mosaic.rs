@@ -72,13 +72,13 @@ impl Mosaic {
         if !(p.radius_mm >= 0.0 && p.radius_mm < 10_000.0) {
             return error("radius_mm", p.radius_mm, "a length in millimetres from 0 to 10000");
         }
-        if !(p.slit_deg.abs() < 90.0) {
+        if !(-89.9..=89.9).contains(&p.slit_deg) {
             return error("slit_deg", p.slit_deg, "degrees off the arm, between -90 and 90");
         }
         if !p.horizon_px.is_finite() {
             return error("horizon_px", p.horizon_px, "a row of the picture, which may lie beyond it");
         }
-        if !(p.start_deg.abs() <= 360.0) {
+        if !(-360.0..=360.0).contains(&p.start_deg) {
             return error("start_deg", p.start_deg, "degrees between -360 and 360");
         }
         if !(p.turn_s >= 0.0 && p.turn_s < 1e6) {

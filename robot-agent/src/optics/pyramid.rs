@@ -120,7 +120,7 @@ impl Camera for Pyramid {
         let direction = (reflection(camera) * image_ray).normalize();
         // A face shows only its own quarter of the world.
         let turn = direction.dot(&across).atan2(direction.dot(&out));
-        (turn >= -FRAC_PI_4 && turn < FRAC_PI_4).then_some(Ray { origin_m: Vector3::zeros(), direction })
+        (-FRAC_PI_4..FRAC_PI_4).contains(&turn).then_some(Ray { origin_m: Vector3::zeros(), direction })
     }
 
     fn elevation_rad(&self) -> [f64; 2] {

@@ -154,3 +154,58 @@ fn a_missing_file_is_named() {
     let error = MountedCamera::load(Path::new("/nowhere/camera.toml")).unwrap_err().to_string();
     assert!(error.contains("/nowhere/camera.toml"), "{error}");
 }
+
+#[test]
+fn every_model_has_a_file_and_its_wrong_values_are_named() {
+    let file =
+        |model: &str, table: &str| format!("model = \"{model}\"\nimage_size_px = [640, 480]\n[{model}]\n{table}");
+    let mirror = "focal_length_px = 500\ncentre_px = [320, 240]\n";
+    let cases = [
+        (
+            "hyperboloidal",
+            format!("a_mm = 28.0955\nc_mm = 38.658\n{mirror}"),
+            "c_mm = 38.658",
+            "c_mm = 20.0",
+            "eccentricity",
+        ),
+        ("ellipsoidal", format!("a_mm = 60\nc_mm = 30\n{mirror}"), "c_mm = 30", "c_mm = 61", "eccentricity"),
+        ("spherical", format!("rho_mm = 40\nh_mm = 120\n{mirror}"), "h_mm = 120", "h_mm = 30", "inside the mirror"),
+        ("conic", format!("h_mm = 80\ngamma_deg = 50\n{mirror}"), "gamma_deg = 50", "gamma_deg = nan", "degrees"),
+        (
+            "paraboloidal",
+            "p_mm = 30\nmagnification_px_per_mm = 6\ncentre_px = [320, 240]\n".into(),
+            "p_mm = 30",
+            "p_mm = 0.03",
+            "metres",
+        ),
+        (
+            "pyramid",
+            "h_mm = 60\nfocal_length_px = 200\ncentre_px = [80, 240]\n".into(),
+            "h_mm = 60",
+            "h_mm = -60",
+            "millimetres",
+        ),
+        (
+            "fisheye",
+            "law = \"equisolid\"\nfocal_length_px = 200\ncentre_px = [320, 240]\n".into(),
+            "equisolid",
+            "equisold",
+            "equisolid",
+        ),
+        ("unified-sphere", format!("xi = 0.9\n{mirror}"), "xi = 0.9", "xi = -1.0", "pinhole"),
+        ("polynomial", "forward = [-120.0, 0.0, 1.7e-3]\ncentre_px = [320, 240]\n".into(), "-120.0", "120.0", "ss"),
+        ("mosaic", "focal_length_px = 500\nhorizon_px = 240\n".into(), "500", "0", "positive"),
+    ];
+    for (model, table, right, wrong, hint) in cases {
+        let text = file(model, &table);
+        assert_eq!(parse(&text).unwrap().mount().unwrap().camera().model(), model);
+        assert!(text.contains(right), "{model}");
+        assert_error(&text.replace(right, wrong), &["camera.toml:", hint]);
+        assert_error(&format!("{text}colour = 3\n"), &["unknown field `colour`"]);
+        let misaligned = format!("{text}[misalignment]\ntilt_deg = [0.5, 0.0]\n");
+        match model {
+            "pyramid" | "mosaic" => assert_error(&misaligned, &["misalignment", "left out"]),
+            _ => assert!(parse(&misaligned).unwrap().mount().unwrap().camera().misalignment().is_some()),
+        }
+    }
+}

@@ -106,7 +106,7 @@ impl AxialDesign for PalSingleViewpointDesign {
             return Err(ParameterError::new("refractive_index", self.refractive_index, expected));
         }
         check_length_mm("oval_c_mm", self.oval_c_mm)?;
-        if !(self.oval_t_mm.abs() < self.oval_c_mm) {
+        if !(-self.oval_c_mm..self.oval_c_mm).contains(&self.oval_t_mm) {
             let expected = "less than oval_c_mm, else no surface surrounds both points";
             return Err(ParameterError::new("oval_t_mm", self.oval_t_mm, expected));
         }
