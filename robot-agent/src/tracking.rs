@@ -32,6 +32,7 @@ pub use appearance::{Appearance, BINS, bhattacharyya};
 pub use association::{GATE, Shape, ShapeSigmas, assign, cost};
 pub use class::PeerBearing;
 pub use extent::Extent;
+use extent::Known;
 pub use filter::AxisFilter;
 pub use range::{Range, from_ground_contact};
 pub use view::View;
@@ -121,6 +122,8 @@ pub struct Tracker {
 
 /// Rows a column of the most slender thing that becomes a track: people have at most nine.
 const MOST_SLENDER: f64 = 12.0;
+/// How well a figure must fit for its lowest marks to be feet.
+const LEAST_SUPPORT_OF_FEET: f64 = 0.7;
 /// A track that has never come anywhere and does not move is none after so long, seconds.
 const STUCK_S: f64 = 2.0;
 
@@ -478,17 +481,10 @@ impl Tracker {
             let width_rad = if shared { track.shape.w } else { track.arc.width as f64 } * step;
             let trunk_rad = track.trunk_width * step;
             let figure_m = self.figures.is_some().then(|| track.log_range.exp());
+            let feet = figure_m.is_none() || (!track.feet_hidden && track.support > LEAST_SUPPORT_OF_FEET);
             let person = !matches!(track.class(), ObjectClass::Robot | ObjectClass::Other);
-            let extent = extent::measure(
-                scene,
-                &self.view,
-                track.axis,
-                track.rows,
-                trunk_rad.min(width_rad),
-                shared,
-                person,
-                figure_m,
-            );
+            let known = Known { width_rad: trunk_rad.min(width_rad), shared, person, figure_m, feet };
+            let extent = extent::measure(scene, &self.view, track.axis, track.rows, &known);
             track.extent = Some(extent);
             if !shared && let Some((bearing, _)) = self.view.angles_rad(track.axis, middle) {
                 track.votes.add(class::of_one_sight(bearing, width_rad, &extent, &self.view, peers));

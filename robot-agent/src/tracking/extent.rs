@@ -31,24 +31,30 @@ const FOOT_SIGMA_ROWS: f64 = 2.0;
 const TOP_SIGMA_ROWS: f64 = 1.2;
 /// Heights and breadths of an upright person, metres: what a range from the feet must give.
 const PERSON_HEIGHT_M: [f64; 2] = [1.3, 2.15];
+/// Feet are where the body is but for a step: relative error of a range from them.
+const LEAST_SPREAD: f64 = 0.08;
 /// Largest difference of the logarithms of the range from the feet and the figure's.
 const FIGURE_AGREES: f64 = 0.2;
 const PERSON_BREADTH_M: [f64; 2] = [0.15, 0.95];
 
-/// Measures the extent of what spans `rows` about `axis` and is `width_rad` wide. `shared`: other bodies are in the region.
-/// `person`: taken for a person. `figure_m`: how far away the whole body seems to be, where a figure was fitted: feet that
-/// would stand elsewhere are a shadow's end or hidden.
-#[allow(clippy::too_many_arguments)]
-pub(super) fn measure(
-    scene: &Scene<'_>,
-    view: &View,
-    axis: f64,
-    rows: [usize; 2],
-    width_rad: f64,
-    shared: bool,
-    person: bool,
-    figure_m: Option<f64>,
-) -> Extent {
+/// What is known of a body beside its rows.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Known {
+    /// Angular width, radians.
+    pub(super) width_rad: f64,
+    /// Other bodies are in its region.
+    pub(super) shared: bool,
+    /// Taken for a person.
+    pub(super) person: bool,
+    /// How far away the whole body seems to be, where a figure was fitted: feet that would stand elsewhere are the end of a
+    /// shadow, or hidden.
+    pub(super) figure_m: Option<f64>,
+    /// Its lowest marks may be feet.
+    pub(super) feet: bool,
+}
+
+/// Measures the extent of what spans `rows` about `axis`.
+pub(super) fn measure(scene: &Scene<'_>, view: &View, axis: f64, rows: [usize; 2], known: &Known) -> Extent {
     let (top, bottom) = (rows[0] as f64 - 0.5, rows[1] as f64 + 0.5);
     let elevation = |row: f64| view.angles_rad(axis, row).map(|a| a.1);
     let middle = elevation(0.5 * (top + bottom)).unwrap_or(0.0);
@@ -56,13 +62,15 @@ pub(super) fn measure(
         elevation(bottom).or_else(|| elevation(bottom - 1.0)).unwrap_or(middle),
         elevation(top).or_else(|| elevation(top + 1.0)).unwrap_or(middle),
     ];
-    let mut ends = if shared { [ElevationEnd::Hidden; 2] } else { [ElevationEnd::Seen; 2] };
+    let mut ends = if known.shared { [ElevationEnd::Hidden; 2] } else { [ElevationEnd::Seen; 2] };
     let borders = tested_rows(scene, axis);
     if rows[0] < borders[0] + BORDER_ROWS {
         ends[1] = ElevationEnd::Cut;
     }
     if rows[1] + BORDER_ROWS > borders[1] {
         ends[0] = ElevationEnd::Cut;
+    } else if !known.feet {
+        ends[0] = ElevationEnd::Hidden;
     }
     let step = view.steps_rad(axis, 0.5 * (top + bottom))[1];
     let sigma_rad = TOP_SIGMA_ROWS.hypot(0.01 * (bottom - top)) * step;
@@ -72,28 +80,29 @@ pub(super) fn measure(
     {
         let foot_sigma_rad = FOOT_SIGMA_ROWS * step;
         match from_ground_contact(elevation_rad[0], foot_sigma_rad, height_m, view.tilt_sigma_rad) {
-            Some(found)
-                if !person
-                    || (is_a_body(&found, height_m.0, &elevation_rad, ends[1], width_rad)
-                        && figure_m.is_none_or(|m| (found.range_m / m).ln().abs() < FIGURE_AGREES)) =>
-            {
+            Some(found) if !known.person || is_a_body(&found, height_m.0, &elevation_rad, ends[1], known) => {
                 range = Some(found);
             }
             // Feet that cannot be feet. What is not a person may well be above the floor.
-            _ if person => ends[0] = ElevationEnd::Hidden,
+            _ if known.person => ends[0] = ElevationEnd::Hidden,
             _ => {}
         }
+    }
+    if let Some(range) = &mut range {
+        // Gait and shoes.
+        range.sigma_m = range.sigma_m.hypot(LEAST_SPREAD * range.range_m);
     }
     Extent { elevation_rad, sigma_rad, ends, range }
 }
 
-fn is_a_body(range: &Range, camera_m: f64, elevation_rad: &[f64; 2], top: ElevationEnd, width_rad: f64) -> bool {
+fn is_a_body(range: &Range, camera_m: f64, elevation_rad: &[f64; 2], top: ElevationEnd, known: &Known) -> bool {
     let top_m = camera_m + range.range_m * elevation_rad[1].tan();
     let slack = 1.0 + range.sigma_m / range.range_m;
     let height_fits =
         top_m < PERSON_HEIGHT_M[1] * slack && (top != ElevationEnd::Seen || top_m > PERSON_HEIGHT_M[0] / slack);
-    let breadth_m = range.range_m * width_rad;
-    height_fits && breadth_m > PERSON_BREADTH_M[0] && breadth_m < PERSON_BREADTH_M[1] * slack
+    let breadth_m = range.range_m * known.width_rad;
+    let agrees = known.figure_m.is_none_or(|m| (range.range_m / m).ln().abs() < FIGURE_AGREES);
+    height_fits && agrees && breadth_m > PERSON_BREADTH_M[0] && breadth_m < PERSON_BREADTH_M[1] * slack
 }
 
 /// First and last tested row of the column.

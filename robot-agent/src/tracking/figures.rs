@@ -23,6 +23,7 @@ use std::sync::Arc;
 use silhouette::{CELL, LEVELS, Silhouette, Silhouettes};
 
 use super::View;
+use super::people::Robot;
 use crate::motion::{Raster, Region, Run, Scene};
 
 /// Log-likelihood by which a fully visible body is better than none, for the fit: cells are not independent.
@@ -156,7 +157,7 @@ impl Figures {
     }
 
     /// Takes the marks of a frame. `skip`: columns and first row of what is known to be something else (fellow robots).
-    pub(super) fn look(&mut self, scene: &Scene<'_>, skip: &[(f64, f64, usize)]) {
+    pub(super) fn look(&mut self, scene: &Scene<'_>, skip: &[Robot]) {
         let (w, h) = (self.raster.width, self.raster.height);
         let stride = self.stride();
         for row in 0..self.rows {

@@ -26,6 +26,9 @@ const MOVING: f64 = 0.4;
 const ROBOT_TOP_RAD: f64 = 0.04;
 const ROBOT_SIDE_RAD: f64 = 0.02;
 
+/// Middle column, half width in columns and first row of a fellow robot.
+pub(super) type Robot = (f64, f64, usize);
+
 /// How somebody appears in a frame.
 struct Look {
     sighting: Sighting,
@@ -37,7 +40,8 @@ impl Tracker {
     /// A frame of a panorama from a known height.
     pub(super) fn step_people(&mut self, scene: &Scene<'_>, capture: Timestamp, dt_s: f64, peers: &[PeerBearing]) {
         let Some(mut figures) = self.figures.take() else { return };
-        figures.look(scene, &self.robots(peers));
+        let robots = self.robots(peers);
+        figures.look(scene, &robots);
         let sought: Vec<Sought<'_>> = self.tracks.iter().map(super::Track::sought).collect();
         let mut all = figures.fit(&sought);
         let known = all.len();
@@ -50,7 +54,7 @@ impl Tracker {
             .map(|(region, figure)| {
                 let region = region?;
                 let axis = figures.axis(figure, &region, &self.view);
-                Some(self.look(figure, &region, axis, scene, &moving))
+                Some(self.look(figure, &region, axis, scene, &moving, &robots))
             })
             .collect();
         self.areas.clear();
@@ -85,8 +89,8 @@ impl Tracker {
         self.figures = Some(figures);
     }
 
-    /// Middle column, half width and first row of fellow robots.
-    fn robots(&self, peers: &[PeerBearing]) -> Vec<(f64, f64, usize)> {
+    /// Where fellow robots are.
+    fn robots(&self, peers: &[PeerBearing]) -> Vec<Robot> {
         let Some(first_row) = self.view.row_of_elevation(ROBOT_TOP_RAD) else { return Vec::new() };
         peers
             .iter()
@@ -98,7 +102,15 @@ impl Tracker {
             .collect()
     }
 
-    fn look(&self, figure: &Figure, region: &Region, axis: f64, scene: &Scene<'_>, moving: &[u8]) -> Look {
+    fn look(
+        &self,
+        figure: &Figure,
+        region: &Region,
+        axis: f64,
+        scene: &Scene<'_>,
+        moving: &[u8],
+        robots: &[Robot],
+    ) -> Look {
         let step = self.view.steps_rad(axis, self.raster.height as f64 / 2.0)[0];
         let (mut moves, mut ghosts) = (0usize, 0usize);
         for (row, start, len) in region.spans() {
@@ -109,13 +121,18 @@ impl Tracker {
         }
         let alone = figure.own >= ALONE;
         let axis = if alone { axis } else { figure.column };
+        let trunk_width = (0.42 / figure.range_m).atan() / step;
+        let behind =
+            |(column, half, _): &Robot| self.raster.column_difference(axis, *column).abs() < half + 0.3 * trunk_width;
         let sighting = Sighting {
             axis,
             axis_sigma: axis_sigma_m(figure).hypot(0.3 * step * figure.range_m) / figure.range_m / step,
             arc: region.arc,
             rows: solid_rows(region, scene, 0..region.arc.width),
             range_m: figure.range_m,
-            trunk_width: (0.42 / figure.range_m).atan() / step,
+            trunk_width,
+            support: f64::from(figure.support),
+            feet_hidden: robots.iter().any(behind),
             alone,
             apart: figure.apart >= ALONE,
             moves: moves as f64 > MOVING * region.area as f64,

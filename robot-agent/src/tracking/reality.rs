@@ -150,6 +150,7 @@ fn recorded_robots_see_the_people() {
         let gallery = crate::picture::Gallery::new(raster);
 
         let (mut wanted, mut covered, mut merged, mut falses, mut switches) = (0, 0, 0, 0, 0);
+        let mut by_support: Vec<(f64, f64, f64, TrackState, f64)> = Vec::new();
         let mut errors: Vec<(f64, f64, f64)> = Vec::new(); // error, sigma, time
         let mut group_errors: Vec<(f64, f64)> = Vec::new();
         let mut ranges: Vec<(f64, f64, f64)> = Vec::new();
@@ -299,6 +300,15 @@ fn recorded_robots_see_the_people() {
                 }
                 let error = difference(track.bearing_rad, bearing(p));
                 let distance = (p.x - rx).hypot(p.y - ry);
+                if let Some(t) = tracker.tracks.iter().find(|t| t.id == track.id && track.state != TrackState::Hidden) {
+                    by_support.push((
+                        t.support,
+                        t.evidence,
+                        error / track.bearing_sigma_rad,
+                        track.state,
+                        error * distance,
+                    ));
+                }
                 if std::env::var("MISSED").is_ok() && (error / track.bearing_sigma_rad).abs() > 4.0 {
                     eprintln!(
                         "{robot} {i} {:?} track {} of {} at {:.1} m off {:.1}° sigma {:.1}° w {} rows {:?}",
@@ -376,6 +386,23 @@ fn recorded_robots_see_the_people() {
             rms(&group_errors.iter().map(|e| e.0).collect::<Vec<_>>()).to_degrees(),
             nees(&group_errors),
         );
+        for state in [TrackState::Visible, TrackState::Merged] {
+            for (name, pick) in [("support", 0), ("evidence", 1)] {
+                let text: Vec<String> = [-9.0, 0.2, 0.4, 0.6, 0.8, 1.0, 1.2]
+                    .windows(2)
+                    .map(|w| {
+                        let value = |r: &&(f64, f64, f64, TrackState, f64)| if pick == 0 { r.0 } else { r.1 };
+                        let rows: Vec<_> =
+                            by_support.iter().filter(|r| r.3 == state && (w[0]..w[1]).contains(&value(r))).collect();
+                        let n = rows.len().max(1) as f64;
+                        let nis = rows.iter().map(|r| r.2 * r.2).sum::<f64>() / n;
+                        let lateral = (rows.iter().map(|r| r.4 * r.4).sum::<f64>() / n).sqrt();
+                        format!("<{}: {} NIS {nis:.2} {:.0} cm", w[1], rows.len(), lateral * 100.0)
+                    })
+                    .collect();
+                eprintln!("{robot}: by {name} {state:?}: {}", text.join("; "));
+            }
+        }
         let range_pairs: Vec<(f64, f64)> = ranges.iter().map(|(e, s, _)| (*e, *s)).collect();
         let range_mean = range_pairs.iter().map(|e| e.0).sum::<f64>() / range_pairs.len().max(1) as f64;
         eprintln!(

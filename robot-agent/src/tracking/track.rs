@@ -65,6 +65,10 @@ pub(super) struct Track {
     /// Frame of its last birth, merge or split: then its appearance is sent.
     pub(super) turning_point: Option<Timestamp>,
     pub(super) announced: bool,
+    /// How well its figure fits the marks that are its own: 1 as an average person would.
+    pub(super) support: f64,
+    /// A fellow robot may stand before its feet.
+    pub(super) feet_hidden: bool,
     /// Logarithm of the distance in metres that its figure has, and its sigma.
     pub(super) log_range: f64,
     pub(super) log_range_sigma: f64,
@@ -89,6 +93,10 @@ pub(super) struct Sighting {
     pub(super) alone: bool,
     pub(super) apart: bool,
     pub(super) moves: bool,
+    /// How well the figure fits: 1 as an average person.
+    pub(super) support: f64,
+    /// A fellow robot may stand before the feet.
+    pub(super) feet_hidden: bool,
     pub(super) appearance: Appearance,
 }
 
@@ -123,6 +131,8 @@ impl Track {
             group_width: 0.0,
             turning_point: None,
             announced: false,
+            support: 1.0,
+            feet_hidden: false,
             log_range: 0.0,
             log_range_sigma: 1.0,
             figure_shape: FigureShape::default(),
@@ -168,6 +178,8 @@ impl Track {
             group_width: 0.0,
             turning_point: None,
             announced: false,
+            support: s.support,
+            feet_hidden: s.feet_hidden,
             log_range: s.range_m.ln(),
             log_range_sigma: 0.3,
             figure_shape: FigureShape::default(),
@@ -221,6 +233,7 @@ impl Track {
             self.merged_since = (!s.alone).then_some(now);
         }
         self.state = if s.alone { TrackState::Visible } else { TrackState::Merged };
+        (self.support, self.feet_hidden) = (s.support, s.feet_hidden);
         self.supported = now;
         let aside = raster.column_difference(self.axis, self.born_at).abs();
         self.travelled = self.travelled.max(aside);
