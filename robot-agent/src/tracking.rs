@@ -528,7 +528,10 @@ impl Tracker {
             let patch: Patch = track.patch();
             if now.seconds_since(track.moved) > self.settings.hold_s {
                 self.holds.release.push(patch);
-            } else if now.seconds_since(track.seen) <= 1.0 && track.has_come() {
+            } else if now.seconds_since(track.seen) <= 1.0
+                && track.has_come()
+                && (self.figures.is_none() || now.seconds_since(track.moved) > tune(0, 0.3))
+            {
                 self.holds.keep.push(patch);
             }
         }
@@ -553,4 +556,10 @@ fn observation(view: &TrackView) -> TrackObservation {
         confidence: Fraction8::from_value(view.confidence),
         appearance: view.appearance,
     }
+}
+
+/// Tuning
+pub(crate) fn tune(i: usize, default: f64) -> f64 {
+    static T: std::sync::OnceLock<Vec<Option<f64>>> = std::sync::OnceLock::new();
+    T.get_or_init(|| (0..16).map(|i| std::env::var(format!("T{i}")).ok().and_then(|v| v.parse().ok())).collect())[i].unwrap_or(default)
 }

@@ -11,8 +11,8 @@
 //!                              └─▶ own     who is seen in which pixels: the nearer one in front
 //! ```
 //!
-//! Whoever stands on the floor and is seen at all is seen at the height of the camera, if that is below people's heads: what
-//! does not reach there (shadows, robots, chairs) explains nothing as a person and is left.
+//! Shadows, robots and chairs explain nothing as a person and are left. What a person covers is learnt while nobody is near
+//! (see [`Shape`]), so that the next one who comes beside stands out, and clothes like the wall are not missed.
 
 mod silhouette;
 
@@ -40,6 +40,14 @@ const SPLIT_GAIN: f32 = 0.25;
 const SPLIT_APART_M: f64 = 0.33;
 /// Lowest height that the picture must show where two are told apart by their heads.
 const HEADS_M: f64 = 1.55;
+/// A gap down the middle of the upper part of what should be one body: cells, and shares of marks in it and beside it.
+const GAP_CELLS: usize = 2;
+const GAP_MARKED: [f32; 2] = [0.15, 0.5];
+/// Half of the breadth in which nobody has a gap, and the distance from which on heads and feet tell more, metres.
+const SOLID_M: f64 = 0.2;
+const GAP_RANGE_M: f64 = 2.3;
+/// The same as [`SPLIT_GAIN`] where there is such a gap.
+const SPLIT_GAIN_AT_GAP: f32 = -0.15;
 /// Rounds of the joint fit.
 const ROUNDS: usize = 2;
 /// What one body hides of those behind it, at most.
@@ -120,14 +128,15 @@ pub(super) struct Figures {
     /// Share of a cell's pixels that are marked, and weight of the cell (0: not tested).
     marked: Vec<f32>,
     weight: Vec<f32>,
+    /// Share marked in the upper quarter of each column of cells.
+    upper: Vec<f32>,
     column_rad: f64,
 }
 
 impl Figures {
-    /// For a view of known height; `None` for others.
+    /// For a panorama from a known height; `None` for others.
     pub(super) fn new(view: &View, raster: &Raster) -> Option<Self> {
-        view.upright_row()?;
-        let (camera_m, _) = view.height_m?;
+        let (camera_m, _) = view.height_m.filter(|_| view.is_panoramic())?;
         let silhouettes = Silhouettes::new(view, raster, camera_m);
         let columns = raster.width.div_ceil(CELL[0]);
         let pad = (0..LEVELS).map(|l| silhouettes.average(l).half).max()?;
@@ -147,6 +156,7 @@ impl Figures {
             pad,
             marked,
             weight,
+            upper: vec![0.0; columns],
             column_rad,
         })
     }
@@ -178,6 +188,11 @@ impl Figures {
                 self.marked[i] = marks as f32 / tested.max(1) as f32;
                 self.weight[i] = if known { 0.0 } else { tested as f32 / (CELL[0] * CELL[1]) as f32 };
             }
+        }
+        let upper_rows = (self.rows / 4).max(1);
+        for (cell, upper) in self.upper.iter_mut().enumerate() {
+            let sum: f32 = (0..upper_rows).map(|row| self.marked[row * stride + self.pad + cell]).sum();
+            *upper = sum / upper_rows as f32;
         }
         for values in [&mut self.marked, &mut self.weight] {
             repeat_ends(values, self.columns, self.pad);
@@ -416,7 +431,7 @@ impl Figures {
     fn best_place(&self, sought: &Sought<'_>, choices: &[Place], rest: &Rest) -> Place {
         let reach = ((2.5 * sought.column_sigma / CELL[0] as f64).ceil() as i64 + 1).min(MOST_REACH);
         let level = silhouette::level_of_range(sought.range_m);
-        let level_sigma = sought.log_range_sigma.max(LEAST_LOG_RANGE_SIGMA) / level_log_step();
+        let level_sigma = sought.log_range_sigma.max(crate::tracking::tune(6, LEAST_LOG_RANGE_SIGMA)) / level_log_step();
         let full = choices.iter().map(|p| p.silhouette.full).fold(1.0, f32::max);
         let scale = FULL_EVIDENCE / f64::from(full);
         let mut best = (f64::NEG_INFINITY, &choices[0], 0);
@@ -436,14 +451,39 @@ impl Figures {
         Place { cell: (place.cell + step).rem_euclid(self.columns as i64), ..place.clone() }
     }
 
+    /// Whether there is a gap down the middle of a body so near that trunk or hips must close it: they are several.
+    fn has_gap(&self, cell: i64, range_m: f64) -> bool {
+        if range_m > crate::tracking::tune(5, GAP_RANGE_M) {
+            return false;
+        }
+        let half = (self.columns_of(SOLID_M, range_m) / CELL[0] as f64).round() as i64;
+        let mut empty = None; // cells without marks since the last solid one
+        for step in -half..=half {
+            let marked = self.upper[(cell + step).rem_euclid(self.columns as i64) as usize];
+            if marked >= GAP_MARKED[1] {
+                if empty.is_some_and(|n| n >= GAP_CELLS) {
+                    return true;
+                }
+                empty = Some(0);
+            } else if marked < GAP_MARKED[0]
+                && let Some(n) = &mut empty
+            {
+                *n += 1;
+            }
+        }
+        false
+    }
+
     /// Two bodies beside each other, further away than a body, that explain its marks better.
     fn two_instead(&self, place: &Place, rest: &Rest) -> Option<[Place; 2]> {
         let one = self.gain(place.cell, &place.silhouette, rest);
         let reach = self.columns_of(0.5, place.silhouette.range_m) / CELL[0] as f64;
         let reach = (reach.ceil() as i64).min(self.columns as i64 / 4);
+        let gap = self.has_gap(place.cell, place.silhouette.range_m);
+        let more = if gap { crate::tracking::tune(3, SPLIT_GAIN_AT_GAP as f64) as f32 } else { crate::tracking::tune(4, SPLIT_GAIN as f64) as f32 };
         let mut best: Option<(f32, [(i64, usize); 2])> = None;
         for l in place.level..LEVELS.min(place.level + 14) {
-            if self.highest_m[l] < HEADS_M {
+            if !gap && self.highest_m[l] < HEADS_M {
                 continue;
             }
             let s = self.silhouettes.average(l);
@@ -453,7 +493,7 @@ impl Figures {
                 for j in i + apart.max(1)..gains.len() {
                     let both = gains[i] + gains[j];
                     if gains[i].min(gains[j]) > LEAST_GAIN * s.full
-                        && both > one + SPLIT_GAIN * s.full
+                        && both > one + more * s.full
                         && best.is_none_or(|(most, _)| both > most)
                     {
                         best = Some((both, [i, j].map(|i| (place.cell - reach + i as i64, l))));
@@ -466,7 +506,7 @@ impl Figures {
         let mut left = rest.clone();
         self.explain(&mut left, &a);
         let both = self.gain(a.cell, &a.silhouette, rest) + self.gain(b.cell, &b.silhouette, &left);
-        (both > one + SPLIT_GAIN * a.silhouette.full).then_some([a, b])
+        (both > one + more * a.silhouette.full).then_some([a, b])
     }
 
     fn best_new(&self, rest: &Rest) -> Option<Place> {
@@ -482,13 +522,15 @@ impl Figures {
         }
         let mut found: Vec<(f32, i64, usize)> = Vec::new();
         for cell in (0..self.columns as i64).filter(|c| left[*c as usize] >= LEAST_CELLS) {
-            let gains = (0..LEVELS).map(|l| (self.gain(cell, self.silhouettes.average(l), rest), cell, l));
+            let gains = (0..LEVELS)
+                .filter(|l| !self.has_gap(cell, self.silhouettes.average(*l).range_m))
+                .map(|l| (self.gain(cell, self.silhouettes.average(l), rest), cell, l));
             found.extend(gains.max_by(|a, b| a.0.total_cmp(&b.0)));
         }
         found.sort_by(|a, b| b.0.total_cmp(&a.0));
         found.into_iter().find_map(|(gain, cell, level)| {
             let place = self.average_at(cell, level);
-            let enough = gain > LEAST_TOTAL && gain > LEAST_GAIN * place.silhouette.full;
+            let enough = gain > LEAST_TOTAL && gain > crate::tracking::tune(7, LEAST_GAIN as f64) as f32 * place.silhouette.full;
             (enough && !self.is_part_of_more(&place, rest)).then_some(place)
         })
     }
@@ -615,3 +657,6 @@ fn repeat_ends(values: &mut [f32], columns: usize, pad: usize) {
         row.copy_within(pad..2 * pad, pad + columns);
     }
 }
+
+#[cfg(test)]
+mod tests;

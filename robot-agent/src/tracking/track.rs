@@ -211,7 +211,13 @@ impl Track {
         self.filter.update(s.axis, sigma, raster);
         // One frame's distance is known to a fifth.
         const FRAME_SIGMA: f64 = 0.2;
-        if s.apart {
+        /// Nobody comes nearer or goes away by so much between frames.
+        const ANOTHER: f64 = 0.5;
+        if (s.range_m.ln() - self.log_range).abs() > crate::tracking::tune(2, ANOTHER) {
+            // It was taken for a nearer one, or for two.
+            (self.log_range, self.log_range_sigma) = (s.range_m.ln(), 0.3);
+            self.figure_shape = FigureShape::default();
+        } else if s.apart {
             let gain = self.log_range_sigma.powi(2) / (self.log_range_sigma.powi(2) + FRAME_SIGMA * FRAME_SIGMA);
             self.log_range += gain * (s.range_m.ln() - self.log_range);
             self.log_range_sigma *= (1.0 - gain).sqrt();

@@ -1,0 +1,216 @@
+//! Figures on masks of people drawn as boxes and discs, in metres, through the panorama's angles.
+
+use super::*;
+use crate::optics::{MountedCamera, Mounting, Pal};
+use crate::panorama::{PanoramaGeometry, Projection};
+
+const CAMERA_M: f64 = 0.6;
+
+/// Somebody at a bearing (radians) and a distance (m): height, distance of the feet from the axis (m), rows that cannot be
+/// told from what is behind (from, to: heights in metres).
+#[derive(Debug, Clone, Copy)]
+struct Person {
+    bearing: f64,
+    range_m: f64,
+    height_m: f64,
+    stride_m: f64,
+    camouflaged_m: [f64; 2],
+}
+
+fn person(bearing_deg: f64, range_m: f64) -> Person {
+    let bearing = bearing_deg.to_radians();
+    Person { bearing, range_m, height_m: 1.75, stride_m: 0.12, camouflaged_m: [0.0, 0.0] }
+}
+
+impl Person {
+    /// Whether a place (m aside of the axis, m above the floor) is of the body: head, neck, trunk with arms, two legs.
+    fn covers(&self, x: f64, z: f64) -> bool {
+        let h = self.height_m;
+        if (self.camouflaged_m[0]..self.camouflaged_m[1]).contains(&z) || !(0.0..h).contains(&z) {
+            return false;
+        }
+        if z > 0.87 * h {
+            return x.abs() < 0.085;
+        }
+        if z > 0.83 * h {
+            return x.abs() < 0.06;
+        }
+        if z > 0.5 * h {
+            return x.abs() < 0.22;
+        }
+        // Legs from the hips to the feet.
+        let spread = self.stride_m * (1.0 - z / (0.5 * h));
+        (x - spread).abs() < 0.08 || (x + spread).abs() < 0.08
+    }
+}
+
+struct Room {
+    raster: Raster,
+    view: View,
+    geometry: PanoramaGeometry,
+    figures: Figures,
+    mask: Vec<u8>,
+    valid: Vec<u8>,
+}
+
+impl Room {
+    fn new(elevation_deg: [f64; 2]) -> Self {
+        let camera = MountedCamera::new(Pal::reference(), Mounting::at_height(CAMERA_M));
+        let height = ((elevation_deg[1].to_radians().tan() - elevation_deg[0].to_radians().tan()) / 0.00582) as u32;
+        let range = elevation_deg.map(f64::to_radians);
+        let geometry = PanoramaGeometry::new(1080, height, Projection::Cylinder, range).unwrap();
+        let view = View::panorama(geometry, &camera);
+        let raster = Raster { width: 1080, height: height as usize, wraps: true };
+        let figures = Figures::new(&view, &raster).unwrap();
+        Self { raster, view, geometry, figures, mask: vec![0; raster.len()], valid: vec![1; raster.len()] }
+    }
+
+    fn look(&mut self, people: &[Person]) {
+        self.mask.fill(0);
+        for y in 0..self.raster.height {
+            for x in 0..self.raster.width {
+                let (bearing, elevation) = self.view.angles_rad(x as f64, y as f64).unwrap();
+                let seen = people.iter().any(|p| {
+                    let aside = protocol::angle::difference(bearing, p.bearing);
+                    let z = CAMERA_M + p.range_m * elevation.tan();
+                    aside.abs() < 1.2 && p.covers(p.range_m * aside.tan(), z)
+                });
+                self.mask[y * self.raster.width + x] = u8::from(seen);
+            }
+        }
+        let (raster, mask, valid) = (&self.raster, &self.mask, &self.valid);
+        let scene = Scene { raster, picture: mask, mask, magnitude: mask, valid, objects: &[] };
+        self.figures.look(&scene, &[]);
+    }
+
+    fn scene(&self) -> Scene<'_> {
+        let (raster, mask, valid) = (&self.raster, &self.mask, &self.valid);
+        Scene { raster, picture: mask, mask, magnitude: mask, valid, objects: &[] }
+    }
+
+    /// Lateral error of the axis, metres, and the ratio of the distances.
+    #[track_caller]
+    fn check(&self, figure: &Figure, person: &Person, lateral_m: f64, ratio: f64) {
+        let region = self.figures.own(std::slice::from_ref(figure), &self.scene()).remove(0).unwrap();
+        let axis = self.figures.axis(figure, &region, &self.view);
+        let error = protocol::angle::difference(self.geometry.bearing_of_column(axis), person.bearing) * person.range_m;
+        assert!(error.abs() < lateral_m, "{error:.3} m beside {person:?}: {figure:?}");
+        let found = figure.range_m / person.range_m;
+        assert!((1.0 / ratio..ratio).contains(&found), "{:.2} m for {person:?}", figure.range_m);
+    }
+}
+
+#[test]
+fn somebody_is_found_once_at_every_distance_and_over_the_seam() {
+    let mut room = Room::new([-15.0, 20.0]);
+    for (range_m, stride_m) in [(0.9, 0.2), (1.4, 0.25), (2.0, 0.1), (3.0, 0.25), (4.5, 0.1), (7.0, 0.2)] {
+        for bearing_deg in [10.0, 179.5] {
+            let p = Person { stride_m, ..person(bearing_deg, range_m) };
+            room.look(&[p]);
+            let found = room.figures.find(&[]);
+            assert_eq!(found.len(), 1, "{p:?}: {:?}", found.iter().map(|f| (f.column, f.range_m)).collect::<Vec<_>>());
+            room.check(&found[0], &p, 0.04, 1.45);
+        }
+    }
+}
+
+#[test]
+fn two_people_beside_each_other_are_two() {
+    let mut room = Room::new([-15.0, 20.0]);
+    let (a, b) = (person(40.0, 3.5), Person { height_m: 1.6, ..person(31.0, 3.7) });
+    room.look(&[a, b]);
+    let mut found = room.figures.find(&[]);
+    // The one that is found first may stand for both until the second frame looks again.
+    for _ in 0..3 {
+        let shape = Shape::default();
+        let sought: Vec<Sought<'_>> = found.iter().map(|f| sought(f, &shape)).collect();
+        let mut next = room.figures.fit(&sought);
+        next.extend(room.figures.find(&next));
+        found = next;
+    }
+    found.sort_by(|a, b| a.column.total_cmp(&b.column));
+    assert_eq!(found.len(), 2, "{:?}", found.iter().map(|f| (f.column, f.range_m)).collect::<Vec<_>>());
+    room.check(&found[0], &a, 0.08, 1.3);
+    room.check(&found[1], &b, 0.08, 1.3);
+}
+
+fn sought<'a>(figure: &Figure, shape: &'a Shape) -> Sought<'a> {
+    Sought {
+        column: figure.column,
+        column_sigma: 3.0,
+        range_m: figure.range_m,
+        log_range_sigma: 0.2,
+        shape,
+        seniority: 5,
+    }
+}
+
+#[test]
+fn what_lies_below_the_horizon_is_nobody() {
+    let mut room = Room::new([-15.0, 20.0]);
+    // A robot half a metre high, and a long shadow.
+    let robot = Person { height_m: 0.5, ..person(-60.0, 1.5) };
+    room.look(&[robot]);
+    for y in 80..105 {
+        room.mask[y * 1080 + 300..y * 1080 + 420].fill(1);
+    }
+    let scene = Scene {
+        raster: &room.raster,
+        picture: &room.mask,
+        mask: &room.mask,
+        magnitude: &room.mask,
+        valid: &room.valid,
+        objects: &[],
+    };
+    room.figures.look(&scene, &[]);
+    assert_eq!(room.figures.find(&[]).len(), 0);
+}
+
+#[test]
+fn somebody_behind_another_keeps_a_place_and_says_how_much_is_seen() {
+    let mut room = Room::new([-15.0, 20.0]);
+    let (front, behind) = (person(0.0, 1.8), person(6.0, 4.0));
+    room.look(&[front, behind]);
+    let shape = Shape::default();
+    let at = |p: &Person| Sought {
+        column: room.geometry.column_of_bearing(p.bearing),
+        column_sigma: 3.0,
+        range_m: p.range_m,
+        log_range_sigma: 0.1,
+        shape: &shape,
+        seniority: 5,
+    };
+    let found = room.figures.fit(&[at(&front), at(&behind)]);
+    assert!(found[0].own > 0.95 && found[1].own < 0.8, "{:.2} {:.2}", found[0].own, found[1].own);
+    // A third in the same place as the first has no evidence of its own.
+    let third = Sought { seniority: 1, ..at(&front) };
+    let found = room.figures.fit(&[at(&front), at(&behind), third]);
+    assert!(found[0].evidence > 0.5 && found[2].evidence < 0.1, "{:.2} {:.2}", found[0].evidence, found[2].evidence);
+}
+
+#[test]
+fn clothes_like_the_wall_are_learnt() {
+    let mut room = Room::new([-15.0, 20.0]);
+    let p = Person { camouflaged_m: [0.8, 1.3], ..person(-20.0, 3.0) };
+    room.look(&[p]);
+    let mut shape = Shape::default();
+    let mut figure = room.figures.fit(&[Sought { ..at_truth(&room, &p, &shape) }]).remove(0);
+    let before = figure.support;
+    for _ in 0..15 {
+        room.figures.learn(&figure, &mut shape);
+        figure = room.figures.fit(&[at_truth(&room, &p, &shape)]).remove(0);
+    }
+    assert!(before < 0.75 && figure.support > before + 0.15, "{before:.2} {:.2}", figure.support);
+    room.check(&figure, &p, 0.04, 1.2);
+}
+
+fn at_truth<'a>(room: &Room, p: &Person, shape: &'a Shape) -> Sought<'a> {
+    Sought {
+        column: room.geometry.column_of_bearing(p.bearing),
+        column_sigma: 3.0,
+        range_m: p.range_m,
+        log_range_sigma: 0.1,
+        shape,
+        seniority: 5,
+    }
+}
