@@ -15,8 +15,10 @@ use std::path::Path;
 use std::process::ExitCode;
 
 use clap::{Parser, Subcommand, ValueEnum};
+use robot_agent::agent::Frame;
 use robot_agent::capture::{self, CaptureOptions, FrameSource};
 use robot_agent::optics::MountedCamera;
+use serde_json::{Value, json};
 use tracing_subscriber::EnvFilter;
 
 /// One robot's vision: unwarps its 360° picture, follows what moves, sees its fellow robots, publishes bearings.
@@ -113,6 +115,37 @@ fn check_frame_rate(frame_rate_hz: Option<f64>) -> Result<(), Failure> {
         }
         _ => Ok(()),
     }
+}
+
+/// Prints a JSON line for each frame: `line(index, seconds since the first, frame)`. A frame that cannot be read has a line too,
+/// with the error and an empty list of `what`; not one frame that can be is an error.
+fn print_lines(
+    input: &Path,
+    source: &mut dyn FrameSource,
+    what: &str,
+    mut line: impl FnMut(u64, f64, &Frame) -> Result<Value, Failure>,
+) -> Result<(), Failure> {
+    let mut output = io::stdout().lock();
+    let (mut index, mut first, mut bad) = (0u64, None, 0u64);
+    while let Some(frame) = source.next_frame() {
+        let line = match frame {
+            Ok(frame) => {
+                let first = *first.get_or_insert(frame.capture);
+                line(index, frame.capture.seconds_since(first), &frame)?
+            }
+            Err(error) => {
+                bad += 1;
+                tracing::warn!("frame {index}: {error}");
+                json!({ "frame": index, "time_s": null, "error": error.to_string(), what: [] })
+            }
+        };
+        writeln!(output, "{line}")?;
+        index += 1;
+    }
+    if index == bad {
+        return Err(Failure::job(format!("{}: not one frame could be used", input.display())));
+    }
+    Ok(())
 }
 
 /// The frames of an input for this camera; what its reader has to remark goes to the log.

@@ -124,6 +124,9 @@ pub struct Tracker {
 const MOST_SLENDER: f64 = 12.0;
 /// How well a figure must fit for its lowest marks to be feet.
 const LEAST_SUPPORT_OF_FEET: f64 = 0.7;
+/// A figure that has not moved for so long stands and is kept out of the background, seconds; where people walk, the
+/// background may go on to learn between them.
+const STANDS_S: f64 = 0.3;
 /// A track that has never come anywhere and does not move is none after so long, seconds.
 const STUCK_S: f64 = 2.0;
 
@@ -530,7 +533,7 @@ impl Tracker {
                 self.holds.release.push(patch);
             } else if now.seconds_since(track.seen) <= 1.0
                 && track.has_come()
-                && (self.figures.is_none() || now.seconds_since(track.moved) > tune(0, 0.3))
+                && (self.figures.is_none() || now.seconds_since(track.moved) > STANDS_S)
             {
                 self.holds.keep.push(patch);
             }
@@ -556,10 +559,4 @@ fn observation(view: &TrackView) -> TrackObservation {
         confidence: Fraction8::from_value(view.confidence),
         appearance: view.appearance,
     }
-}
-
-/// Tuning
-pub(crate) fn tune(i: usize, default: f64) -> f64 {
-    static T: std::sync::OnceLock<Vec<Option<f64>>> = std::sync::OnceLock::new();
-    T.get_or_init(|| (0..16).map(|i| std::env::var(format!("T{i}")).ok().and_then(|v| v.parse().ok())).collect())[i].unwrap_or(default)
 }

@@ -13,7 +13,7 @@ use protocol::message::{AlarmKind, Motion, PeerSighting, Stages, TrackObservatio
 use super::{AgentError, AgentSettings, Frame, PictureKind, Progress};
 use crate::motion::{BackgroundState, MotionStage, Raster};
 use crate::optics::MountedCamera;
-use crate::panorama::{Lut, PanoramaGeometry, Projection};
+use crate::panorama::{Lut, PanoramaGeometry};
 use crate::peers::{Grid, Peer, PeerDetector};
 use crate::picture::{self, Gallery};
 use crate::tracking::{PeerBearing, Tracker, View};
@@ -123,7 +123,7 @@ impl Pipeline {
         if markers.is_empty() || markers == self.markers {
             return Vec::new();
         }
-        let Some(grid) = grid(&self.geometry) else {
+        let Some(grid) = Grid::of(&self.geometry) else {
             self.markers = markers;
             return vec!["fellow robots cannot be looked for in a spherical panorama".to_owned()];
         };
@@ -273,15 +273,4 @@ impl Pipeline {
     pub fn peers_now(&self) -> usize {
         self.peers
     }
-}
-
-/// The panorama as the peer detector wants it: cylinders only.
-fn grid(geometry: &PanoramaGeometry) -> Option<Grid> {
-    let [low, high] = geometry.elevation_rad();
-    (geometry.projection() == Projection::Cylinder).then(|| Grid {
-        width: geometry.width() as usize,
-        height: geometry.height() as usize,
-        seam_rad: geometry.theta0_rad(),
-        tangents: [high.tan(), low.tan()],
-    })
 }

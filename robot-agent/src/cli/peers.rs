@@ -1,6 +1,5 @@
 //! `robot-agent peers`.
 
-use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
 use protocol::marker::Marker;
@@ -10,7 +9,7 @@ use robot_agent::panorama::{Lut, PanoramaGeometry};
 use robot_agent::peers::{Grid, Peer, PeerDetector, PeerFeature};
 use serde_json::{Value, json};
 
-use super::{Failure, check_frame_rate, open_frames};
+use super::{Failure, check_frame_rate, open_frames, print_lines};
 
 /// Finds fellow robots in recorded frames by their announced look: one JSON line a frame on standard output. Every frame is
 /// searched by itself.
@@ -33,49 +32,33 @@ pub(super) struct Arguments {
 pub(super) fn execute(arguments: &Arguments) -> Result<(), Failure> {
     check_frame_rate(arguments.frame_rate_hz)?;
     let camera = MountedCamera::load(&arguments.camera).map_err(Failure::usage)?;
-    let markers = load_markers(&arguments.markers)?;
     let geometry = PanoramaGeometry::for_camera(&camera).map_err(Failure::usage)?;
     let grid = Grid::of(&geometry)
         .ok_or_else(|| Failure::usage("peers are found in a cylinder panorama; this camera sees beyond 60 degrees"))?;
-    let mut detector = PeerDetector::new(&camera, grid, &markers);
-    for error in detector.unsupported() {
-        tracing::warn!("{}: {error}", arguments.markers.display());
-    }
-    if detector.unsupported().len() == markers.len() {
-        let errors: Vec<String> = detector.unsupported().iter().map(ToString::to_string).collect();
-        return Err(Failure::usage(format!(
-            "{}: no marker that can be looked for: {}",
-            arguments.markers.display(),
-            errors.join("; ")
-        )));
-    }
+    let mut detector = detector(&camera, grid, &arguments.markers)?;
     let lut = Lut::panorama(&camera, &geometry);
     let mut source = open_frames(&arguments.input, &camera, arguments.frame_rate_hz)?;
     let mut panorama = vec![0; geometry.pixels()];
-    let mut output = io::stdout().lock();
-    let (mut index, mut first, mut bad) = (0u64, None, 0u64);
-    while let Some(frame) = source.next_frame() {
-        let line = match frame {
-            Ok(frame) => {
-                let first = *first.get_or_insert(frame.capture);
-                lut.unwarp(&frame.gray, &mut panorama).map_err(Failure::job)?;
-                let peers = detector.detect(&frame.gray, &panorama);
-                let time_s = frame.capture.seconds_since(first);
-                json!({ "frame": index, "time_s": time_s, "peers": peers.iter().map(peer).collect::<Vec<_>>() })
-            }
-            Err(error) => {
-                bad += 1;
-                tracing::warn!("frame {index}: {error}");
-                json!({ "frame": index, "time_s": null, "error": error.to_string(), "peers": [] })
-            }
-        };
-        writeln!(output, "{line}")?;
-        index += 1;
+    print_lines(&arguments.input, source.as_mut(), "peers", |index, time_s, frame| {
+        lut.unwarp(&frame.gray, &mut panorama).map_err(Failure::job)?;
+        let peers = detector.detect(&frame.gray, &panorama);
+        Ok(json!({ "frame": index, "time_s": time_s, "peers": peers.iter().map(peer).collect::<Vec<_>>() }))
+    })
+}
+
+/// The detector of what a markers file describes; what cannot be looked for is logged.
+pub(super) fn detector(camera: &MountedCamera, grid: Grid, path: &Path) -> Result<PeerDetector, Failure> {
+    let markers = load_markers(path)?;
+    let detector = PeerDetector::new(camera, grid, &markers);
+    for error in detector.unsupported() {
+        tracing::warn!("{}: {error}", path.display());
     }
-    if index == bad {
-        return Err(Failure::job(format!("{}: not one frame could be used", arguments.input.display())));
+    if detector.unsupported().len() == markers.len() {
+        let errors: Vec<String> = detector.unsupported().iter().map(ToString::to_string).collect();
+        let path = path.display();
+        return Err(Failure::usage(format!("{path}: no marker that can be looked for: {}", errors.join("; "))));
     }
-    Ok(())
+    Ok(detector)
 }
 
 fn load_markers(path: &Path) -> Result<Vec<Marker>, Failure> {

@@ -1,20 +1,20 @@
 //! `robot-agent track`.
 
-use std::io::{self, IsTerminal, Write};
+use std::io::{self, IsTerminal};
 use std::path::{Path, PathBuf};
 
 use indicatif::{ProgressBar, ProgressStyle};
 use protocol::message::{ElevationEnd, TrackState};
-use protocol::time::Timestamp;
 use robot_agent::agent::Frame;
 use robot_agent::motion::{BackgroundState, Change, MotionSettings, MotionStage, Raster};
 use robot_agent::optics::MountedCamera;
 use robot_agent::panorama::{Lut, PanoramaGeometry};
+use robot_agent::peers::{Grid, PeerDetector};
 use robot_agent::picture::{Gallery, encode_jpeg, encode_png};
-use robot_agent::tracking::{TrackView, Tracker, TrackerSettings, View};
+use robot_agent::tracking::{PeerBearing, TrackView, Tracker, TrackerSettings, View};
 use serde_json::{Value, json};
 
-use super::{Failure, check_frame_rate, open_frames};
+use super::{Failure, check_frame_rate, open_frames, print_lines};
 
 /// Follows what moves in recorded frames: one JSON line a frame on standard output, pictures to a folder. Nothing is skipped.
 #[derive(Debug, clap::Args)]
@@ -37,6 +37,9 @@ pub(super) struct Arguments {
     /// The camera is on a robot that may drive (a panoramic one is taken to be).
     #[arg(long)]
     may_drive: bool,
+    /// What fellow robots wear (see `peers`): they are found and never taken for people. For panoramas.
+    #[arg(long, value_name = "FILE")]
+    markers: Option<PathBuf>,
 }
 
 /// Runs the command.
@@ -44,42 +47,25 @@ pub(super) fn execute(arguments: &Arguments) -> Result<(), Failure> {
     check_frame_rate(arguments.frame_rate_hz)?;
     let camera = MountedCamera::load(&arguments.camera).map_err(Failure::usage)?;
     let mut source = open_frames(&arguments.input, &camera, arguments.frame_rate_hz)?;
-    let mut pipeline = Offline::new(camera, arguments.may_drive)?;
+    let mut pipeline = Offline::new(camera, arguments.may_drive, arguments.markers.as_deref())?;
     if let Some(dir) = &arguments.out {
         create_folder(&dir.join("mask"))?;
         create_folder(&dir.join("panorama"))?;
     }
     let progress = progress_bar(source.frames());
-    let mut output = io::stdout().lock();
-    let (mut index, mut first, mut bad) = (0u64, None, 0u64);
-    while let Some(frame) = source.next_frame() {
+    print_lines(&arguments.input, source.as_mut(), "objects", |index, time_s, frame| {
         progress.inc(1);
-        let line = match frame {
-            Ok(frame) => {
-                let first = *first.get_or_insert(frame.capture);
-                let change = pipeline.step(&frame)?;
-                if let Some(dir) = &arguments.out {
-                    pipeline.write_pictures(dir, index, arguments.every.max(1))?;
-                }
-                pipeline.line(index, frame.capture, first, &change)
-            }
-            Err(error) => {
-                bad += 1;
-                tracing::warn!("frame {index}: {error}");
-                json!({ "frame": index, "time_s": null, "error": error.to_string(), "objects": [] })
-            }
-        };
-        writeln!(output, "{line}")?;
-        index += 1;
-    }
+        let change = pipeline.step(frame)?;
+        if let Some(dir) = &arguments.out {
+            pipeline.write_pictures(dir, index, arguments.every.max(1))?;
+        }
+        Ok(pipeline.line(index, time_s, &change))
+    })?;
     progress.finish_and_clear();
-    if let Some(dir) = &arguments.out {
-        pipeline.write_last_pictures(dir)?;
+    match &arguments.out {
+        Some(dir) => pipeline.write_last_pictures(dir),
+        None => Ok(()),
     }
-    if index == bad {
-        return Err(Failure::job(format!("{}: not one frame could be used", arguments.input.display())));
-    }
-    Ok(())
 }
 
 /// All stages without a clock.
@@ -91,21 +77,32 @@ struct Offline {
     motion: MotionStage,
     tracker: Tracker,
     gallery: Gallery,
+    peers: Option<PeerDetector>,
+    /// Of the frame before, as in the agent.
+    peer_bearings: Vec<PeerBearing>,
     tested: Vec<u8>,
     last_frame: Vec<u8>,
     tracks: Vec<TrackView>,
 }
 
 impl Offline {
-    fn new(camera: MountedCamera, may_drive: bool) -> Result<Self, Failure> {
+    fn new(camera: MountedCamera, may_drive: bool, markers: Option<&Path>) -> Result<Self, Failure> {
         let panoramic = camera.camera().is_panoramic();
+        let mut peers = None;
         let (lut, raster, view, valid) = if panoramic {
             let geometry = PanoramaGeometry::for_camera(&camera).map_err(Failure::usage)?;
+            if let Some(path) = markers {
+                let grid = Grid::of(&geometry).ok_or_else(|| no_grid(path))?;
+                peers = Some(super::peers::detector(&camera, grid, path)?);
+            }
             let lut = Lut::panorama(&camera, &geometry);
             let raster = Raster { width: geometry.width() as usize, height: geometry.height() as usize, wraps: true };
             let valid: Vec<u8> = lut.valid().iter().map(|&v| u8::from(v)).collect();
             (Some(lut), raster, View::panorama(geometry, &camera), Some(valid))
         } else {
+            if let Some(path) = markers {
+                return Err(no_grid(path));
+            }
             let [w, h] = camera.image_size_px().map(|n| n as usize);
             let valid = camera.mask().map(|m| m.tested.iter().map(|&t| u8::from(t)).collect());
             (None, Raster { width: w, height: h, wraps: false }, View::image(camera.clone()), valid)
@@ -123,6 +120,8 @@ impl Offline {
             motion,
             tracker: Tracker::new(raster, view, TrackerSettings::default()),
             gallery: Gallery::new(raster),
+            peers,
+            peer_bearings: Vec::new(),
             tested: vec![0; raster.len()],
             last_frame: Vec::new(),
             tracks: Vec::new(),
@@ -138,17 +137,21 @@ impl Offline {
         let change = self.motion.change(&self.tested, frame.capture).map_err(Failure::job)?;
         self.motion.extract();
         if change.background == BackgroundState::Ready {
-            self.tracker.step(&self.motion.scene(), frame.capture, &[]);
+            self.tracker.step(&self.motion.scene(), frame.capture, &self.peer_bearings);
             self.motion.learn(self.tracker.holds());
         } else {
             self.tracker.suspend(frame.capture);
+        }
+        if let Some(peers) = &mut self.peers {
+            let found = peers.follow(&frame.gray, &self.tested);
+            self.peer_bearings = found.iter().map(|p| PeerBearing::of(&p.to_sighting())).collect();
         }
         self.tracks = self.tracker.tracks();
         self.gallery.record(&self.motion, &self.tracks);
         Ok(change)
     }
 
-    fn line(&self, index: u64, capture: Timestamp, first: Timestamp, change: &Change) -> Value {
+    fn line(&self, index: u64, time_s: f64, change: &Change) -> Value {
         let background = match change.background {
             BackgroundState::Suspended => "suspended",
             BackgroundState::Building => "building",
@@ -156,7 +159,7 @@ impl Offline {
         };
         json!({
             "frame": index,
-            "time_s": capture.seconds_since(first),
+            "time_s": time_s,
             "motion": format!("{:?}", change.motion).to_lowercase(),
             "alarm": change.alarm.as_ref().map(|a| format!("{a:?}")),
             "background": background,
@@ -192,6 +195,10 @@ impl Offline {
         }
         Ok(())
     }
+}
+
+fn no_grid(path: &Path) -> Failure {
+    Failure::usage(format!("--markers {}: fellow robots are found in cylinder panoramas only", path.display()))
 }
 
 fn object(track: &TrackView) -> Value {

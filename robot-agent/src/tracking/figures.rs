@@ -33,10 +33,10 @@ const MOST_REACH: i64 = 12;
 /// Levels each side that are tried for a known body.
 const LEVEL_REACH: f64 = 4.5;
 /// A distance is never looked for more narrowly than this, for errors of the fit last.
-const LEAST_LOG_RANGE_SIGMA: f64 = 0.12;
+const LEAST_LOG_RANGE_SIGMA: f64 = 0.2;
 /// One body is rather two further away if those explain so much more, as a part of what one of them fully gains; heads no
 /// nearer than this to each other, metres.
-const SPLIT_GAIN: f32 = 0.25;
+const SPLIT_GAIN: f32 = 0.1;
 const SPLIT_APART_M: f64 = 0.33;
 /// Lowest height that the picture must show where two are told apart by their heads.
 const HEADS_M: f64 = 1.55;
@@ -431,7 +431,7 @@ impl Figures {
     fn best_place(&self, sought: &Sought<'_>, choices: &[Place], rest: &Rest) -> Place {
         let reach = ((2.5 * sought.column_sigma / CELL[0] as f64).ceil() as i64 + 1).min(MOST_REACH);
         let level = silhouette::level_of_range(sought.range_m);
-        let level_sigma = sought.log_range_sigma.max(crate::tracking::tune(6, LEAST_LOG_RANGE_SIGMA)) / level_log_step();
+        let level_sigma = sought.log_range_sigma.max(LEAST_LOG_RANGE_SIGMA) / level_log_step();
         let full = choices.iter().map(|p| p.silhouette.full).fold(1.0, f32::max);
         let scale = FULL_EVIDENCE / f64::from(full);
         let mut best = (f64::NEG_INFINITY, &choices[0], 0);
@@ -453,7 +453,7 @@ impl Figures {
 
     /// Whether there is a gap down the middle of a body so near that trunk or hips must close it: they are several.
     fn has_gap(&self, cell: i64, range_m: f64) -> bool {
-        if range_m > crate::tracking::tune(5, GAP_RANGE_M) {
+        if range_m > GAP_RANGE_M {
             return false;
         }
         let half = (self.columns_of(SOLID_M, range_m) / CELL[0] as f64).round() as i64;
@@ -480,7 +480,7 @@ impl Figures {
         let reach = self.columns_of(0.5, place.silhouette.range_m) / CELL[0] as f64;
         let reach = (reach.ceil() as i64).min(self.columns as i64 / 4);
         let gap = self.has_gap(place.cell, place.silhouette.range_m);
-        let more = if gap { crate::tracking::tune(3, SPLIT_GAIN_AT_GAP as f64) as f32 } else { crate::tracking::tune(4, SPLIT_GAIN as f64) as f32 };
+        let more = if gap { SPLIT_GAIN_AT_GAP } else { SPLIT_GAIN };
         let mut best: Option<(f32, [(i64, usize); 2])> = None;
         for l in place.level..LEVELS.min(place.level + 14) {
             if !gap && self.highest_m[l] < HEADS_M {
@@ -522,15 +522,20 @@ impl Figures {
         }
         let mut found: Vec<(f32, i64, usize)> = Vec::new();
         for cell in (0..self.columns as i64).filter(|c| left[*c as usize] >= LEAST_CELLS) {
-            let gains = (0..LEVELS)
-                .filter(|l| !self.has_gap(cell, self.silhouettes.average(*l).range_m))
-                .map(|l| (self.gain(cell, self.silhouettes.average(l), rest), cell, l));
-            found.extend(gains.max_by(|a, b| a.0.total_cmp(&b.0)));
+            let gain = |l: usize| {
+                let s = self.silhouettes.average(l);
+                (!self.has_gap(cell, s.range_m)).then(|| (self.gain(cell, s, rest), cell, l))
+            };
+            // Every other distance, then those beside the best.
+            let more = |a: &(f32, i64, usize), b: &(f32, i64, usize)| a.0.total_cmp(&b.0);
+            let Some(rough) = (0..LEVELS).step_by(2).filter_map(gain).max_by(more) else { continue };
+            let beside = [rough.2.wrapping_sub(1), rough.2 + 1].into_iter().filter(|l| *l < LEVELS).filter_map(gain);
+            found.extend(beside.chain([rough]).max_by(more));
         }
         found.sort_by(|a, b| b.0.total_cmp(&a.0));
         found.into_iter().find_map(|(gain, cell, level)| {
             let place = self.average_at(cell, level);
-            let enough = gain > LEAST_TOTAL && gain > crate::tracking::tune(7, LEAST_GAIN as f64) as f32 * place.silhouette.full;
+            let enough = gain > LEAST_TOTAL && gain > LEAST_GAIN * place.silhouette.full;
             (enough && !self.is_part_of_more(&place, rest)).then_some(place)
         })
     }

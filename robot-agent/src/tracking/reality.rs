@@ -46,13 +46,7 @@ fn peers(
     let cache = robot.join("peers.json");
     if !cache.exists() {
         let markers = [serde_json::from_str(&std::fs::read_to_string(dir.join("markers.json")).unwrap()).unwrap()];
-        let [low, high] = geometry.elevation_rad();
-        let grid = crate::peers::Grid {
-            width: geometry.width() as usize,
-            height: geometry.height() as usize,
-            seam_rad: geometry.theta0_rad(),
-            tangents: [high.tan(), low.tan()],
-        };
+        let grid = crate::peers::Grid::of(geometry).unwrap();
         let mut detector = crate::peers::PeerDetector::new(camera, grid, &markers);
         let mut source = capture::open(robot, CaptureOptions::default()).unwrap();
         let mut panorama = vec![0; geometry.pixels()];

@@ -213,7 +213,7 @@ impl Track {
         const FRAME_SIGMA: f64 = 0.2;
         /// Nobody comes nearer or goes away by so much between frames.
         const ANOTHER: f64 = 0.5;
-        if (s.range_m.ln() - self.log_range).abs() > crate::tracking::tune(2, ANOTHER) {
+        if (s.range_m.ln() - self.log_range).abs() > ANOTHER {
             // It was taken for a nearer one, or for two.
             (self.log_range, self.log_range_sigma) = (s.range_m.ln(), 0.3);
             self.figure_shape = FigureShape::default();

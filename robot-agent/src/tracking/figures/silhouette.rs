@@ -86,7 +86,7 @@ pub(in crate::tracking) struct Shape {
 const BIN_M: [f64; 2] = [0.06, 0.1];
 const BINS: [usize; 2] = [25, 21];
 /// Frames for which the average outline counts beside what is learnt.
-const PRIOR_FRAMES: f32 = 10.0;
+const PRIOR_FRAMES: f32 = 12.0;
 /// Frames over which a shape is averaged.
 const MOST_FRAMES: f32 = 12.0;
 
@@ -140,7 +140,7 @@ impl Silhouettes {
         if shape.frames == 0.0 {
             return Arc::clone(average);
         }
-        let known = shape.frames / (shape.frames + crate::tracking::tune(1, PRIOR_FRAMES as f64) as f32);
+        let known = shape.frames / (shape.frames + PRIOR_FRAMES);
         let blend = |(c, (x, z)): (&f32, &(f32, f32))| {
             let learnt = Shape::bin(f64::from(*x), f64::from(*z)).map_or(0.0, |bin| shape.share[bin]);
             c + known * (learnt - c)
