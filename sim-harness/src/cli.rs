@@ -6,3 +6,4 @@ pub mod record;
 pub mod run;
 pub mod seeds;
 pub mod table;
+pub mod zoo;

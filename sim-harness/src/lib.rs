@@ -8,3 +8,4 @@ pub mod scenario;
 pub mod score;
 pub mod team;
 pub mod world;
+pub mod zoo;

@@ -3,7 +3,7 @@
 use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
-use sim_harness::cli::{bandwidth, demo, record, run};
+use sim_harness::cli::{bandwidth, demo, record, run, zoo};
 
 #[derive(Debug, Parser)]
 #[command(
@@ -26,6 +26,8 @@ enum Command {
     Record(record::RecordArgs),
     /// Bytes by message kind and robot: payload, on the wire, against raw and JPEG video
     Bandwidth(bandwidth::BandwidthArgs),
+    /// The same room through every camera, with its panorama
+    Zoo(zoo::ZooArgs),
 }
 
 fn main() -> ExitCode {
@@ -42,5 +44,6 @@ fn main() -> ExitCode {
         Some(Command::Run(args)) => run::run(&args),
         Some(Command::Record(args)) => record::run(&args),
         Some(Command::Bandwidth(args)) => bandwidth::run(&args),
+        Some(Command::Zoo(args)) => zoo::run(&args),
     })
 }

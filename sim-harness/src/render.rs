@@ -6,6 +6,7 @@
 //!
 //! Nothing here uses the team's frames, markers or camera models: this is the physics that they are tested against.
 
+pub mod bench;
 mod camouflage;
 pub mod light;
 pub mod moving;
@@ -16,6 +17,7 @@ pub mod rays;
 pub mod scene;
 pub mod sensor;
 pub mod still;
+pub mod surface;
 
 use std::sync::Arc;
 
@@ -83,6 +85,16 @@ impl Renderer {
         let clothes: Arc<[Clothes]> = camouflage::dress(world, &mut team).into();
         team.iter_mut().for_each(|r| r.clothes = clothes.clone());
         team
+    }
+
+    /// The first robot's place with another camera, whose rays are given.
+    pub fn with_rays(world: &Arc<World>, rays: Rays) -> Self {
+        let scene = Arc::new(Scene::new(world));
+        let mut team = vec![Self::new(world, &scene, &Arc::new(rays), 0)];
+        let clothes: Arc<[Clothes]> = camouflage::dress(world, &mut team).into();
+        let mut renderer = team.remove(0);
+        renderer.clothes = clothes;
+        renderer
     }
 
     fn new(world: &Arc<World>, scene: &Arc<Scene>, rays: &Arc<Rays>, robot: usize) -> Self {

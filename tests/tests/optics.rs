@@ -53,3 +53,31 @@ fn the_agent_projects_points_on_traced_rays_to_their_pixels_at_every_distance() 
     }
     assert!(worst < 1e-8, "{worst} px");
 }
+
+/// Every camera of the zoo: traced rays are the agent's, and points on them appear where they were traced from.
+#[test]
+fn every_camera_s_traced_rays_are_the_agent_s() {
+    for specimen in sim_harness::zoo::specimens() {
+        let mounted = specimen.agents_camera().unwrap();
+        let camera = mounted.camera();
+        let [w, h] = specimen.size_px.map(f64::from);
+        let (mut compared, mut worst_px, mut worst_rad) = (0, 0.0_f64, 0.0_f64);
+        for (i, j) in (0..61).flat_map(|i| (0..47).map(move |j| (f64::from(i), f64::from(j)))) {
+            let pixel = Vector2::new(i / 61.0 * w + 0.29, j / 47.0 * h + 0.17);
+            let Some(ray) = camera.unproject(&pixel) else { continue };
+            let traced = (specimen.trace)(pixel.x, pixel.y)
+                .unwrap_or_else(|| panic!("{}: the agent sees something at {pixel:?}, no light comes from there", specimen.name));
+            worst_rad = worst_rad.max(ray.direction.cross(&traced.direction).norm());
+            let far = camera.project_direction(&traced.direction).unwrap();
+            worst_px = worst_px.max((far - pixel).norm());
+            for distance_m in [0.3, 1.0, 3.0, 20.0] {
+                let near = camera.project(&(traced.origin_mm * 1e-3 + traced.direction * distance_m)).unwrap();
+                worst_px = worst_px.max((near - pixel).norm());
+            }
+            compared += 1;
+        }
+        println!("{:26} {compared:5} pixels, worst {worst_px:.1e} px, {worst_rad:.1e} rad", specimen.name);
+        assert!(compared > 300, "{}: {compared}", specimen.name);
+        assert!(worst_px < 1e-6, "{}: {worst_px} px", specimen.name);
+    }
+}

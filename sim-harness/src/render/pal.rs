@@ -16,39 +16,10 @@
 
 use nalgebra::Vector3;
 
+use super::surface::{Quadric, reflect, refract};
 use crate::scenario::CameraSpec;
 
 type V = Vector3<f64>;
-
-/// A quadric of revolution about z: (z − centre)²/a² + sign·(x² + y²)/b² = 1.
-#[derive(Debug, Clone, Copy)]
-struct Quadric {
-    centre: f64,
-    a2: f64,
-    b2: f64,
-    sign: f64,
-}
-
-impl Quadric {
-    /// Distances to the two intersections, the smaller first.
-    fn hits(&self, p: &V, d: &V) -> Option<[f64; 2]> {
-        let q = V::new(p.x, p.y, p.z - self.centre);
-        let form = |u: &V, v: &V| u.z * v.z / self.a2 + self.sign * (u.x * v.x + u.y * v.y) / self.b2;
-        let (a, b, c) = (form(d, d), form(&q, d), form(&q, &q) - 1.0);
-        let root = (b * b - a * c).sqrt();
-        if !root.is_finite() {
-            return None;
-        }
-        // The root without cancellation first, the other from the product.
-        let large = -(b + root.copysign(b));
-        let (t1, t2) = (large / a, c / large);
-        Some(if t1 < t2 { [t1, t2] } else { [t2, t1] })
-    }
-
-    fn normal(&self, p: &V) -> V {
-        V::new(self.sign * p.x / self.b2, self.sign * p.y / self.b2, (p.z - self.centre) / self.a2).normalize()
-    }
-}
 
 /// A point and a direction on the way of light.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -72,6 +43,7 @@ pub struct Pal {
     focal_length_px: f64,
     pinhole: V,
     second: Quadric,
+    second_centre: f64,
     ring: Quadric,
     outer: Quadric,
     refractive_index: f64,
@@ -88,9 +60,10 @@ impl Pal {
             centre_px: spec.centre_px,
             focal_length_px: spec.focal_length_px,
             pinhole: V::new(0.0, 0.0, focus_b - 2.0 * ch),
-            second: Quadric { centre: focus_b - ch, a2: ah * ah, b2: ch * ch - ah * ah, sign: -1.0 },
-            ring: Quadric { centre: ce, a2: ae * ae, b2: ae * ae - ce * ce, sign: 1.0 },
-            outer: Quadric { centre: -cr, a2: ar * ar, b2: ar * ar - cr * cr, sign: 1.0 },
+            second: Quadric::conic(focus_b - ch, ah * ah, ch * ch - ah * ah, -1.0),
+            second_centre: focus_b - ch,
+            ring: Quadric::conic(ce, ae * ae, ae * ae - ce * ce, 1.0),
+            outer: Quadric::conic(-cr, ar * ar, ar * ar - cr * cr, 1.0),
             refractive_index: spec.refractive_index,
         }
     }
@@ -109,7 +82,7 @@ impl Pal {
             .into_iter()
             .filter(|t| *t > 1e-9)
             .map(|t| self.pinhole + up * t)
-            .find(|p| p.z > self.second.centre)?;
+            .find(|p| p.z > self.second_centre)?;
         let down = reflect(&up, &self.second.normal(&hyperboloid));
         let ellipsoid = hyperboloid + down * self.ring.hits(&hyperboloid, &down)?[1];
         let inner = reflect(&down, &self.ring.normal(&ellipsoid));
@@ -123,18 +96,6 @@ impl Pal {
             direction,
         })
     }
-}
-
-fn reflect(d: &V, n: &V) -> V {
-    (d - n * (2.0 * d.dot(n))).normalize()
-}
-
-/// Out of glass of index `ratio` against what is outside, through a surface with outer normal `n`.
-fn refract(d: &V, n: &V, ratio: f64) -> Option<V> {
-    let cos_in = d.dot(n);
-    let across = (d - n * cos_in) * ratio;
-    let rest = 1.0 - across.norm_squared();
-    (rest > 0.0 && cos_in > 0.0).then(|| (across + n * rest.sqrt()).normalize())
 }
 
 #[cfg(test)]

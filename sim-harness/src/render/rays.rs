@@ -3,6 +3,8 @@
 
 use std::f32::consts::TAU;
 
+use nalgebra::Vector3;
+
 use super::pal::Pal;
 use crate::scenario::CameraSpec;
 use crate::world::solid::Upright;
@@ -55,7 +57,50 @@ impl Rays {
     /// Traces a camera.
     pub fn trace(spec: &CameraSpec) -> Self {
         let pal = Pal::new(spec);
-        let [width, height] = spec.image_size_px.map(|s| s as usize);
+        let (inner, outer) = rim_radii(&pal, spec);
+        let radius = |u: f64, v: f64| (u - spec.centre_px[0]).hypot(v - spec.centre_px[1]);
+        let within = |r: f64, margin: f64| r >= inner - margin && r <= outer + margin;
+        let ray = |u: f64, v: f64| {
+            let traced = pal.trace(u, v).filter(|_| within(radius(u, v), RIM_PX + 1.5))?;
+            Some((traced.origin_mm * 1e-3, traced.direction))
+        };
+        let pixel =
+            |u: f64, v: f64| PixelUse { is_lit: within(radius(u, v), RIM_PX), is_nominal: within(radius(u, v), 0.0) };
+        let mut rays = Self::new(spec.image_size_px, spec.height_m, ray, pixel);
+        rays.pixel_rad = (2.0 / (inner + outer)) as f32;
+        rays
+    }
+
+    /// Any camera by its rays: origin (m, from the camera's origin) and unit direction at a point of the picture.
+    pub fn of_camera(
+        size_px: [u32; 2],
+        height_m: f64,
+        ray: impl Fn(f64, f64) -> Option<(Vector3<f64>, Vector3<f64>)>,
+    ) -> Self {
+        // A pixel is lit only with all its corners: its rays are mixed from theirs.
+        let pixel = |u: f64, v: f64| {
+            let corners = [(-0.5, -0.5), (0.5, -0.5), (-0.5, 0.5), (0.5, 0.5)];
+            let is_lit = corners.iter().all(|(du, dv)| ray(u + du, v + dv).is_some());
+            PixelUse { is_lit, is_nominal: is_lit }
+        };
+        let mut rays = Self::new(size_px, height_m, &ray, pixel);
+        let angle = |i: u32| {
+            let (u, v) = (i as usize % rays.width, i as usize / rays.width);
+            let (a, b) = (ray(u as f64 - 0.5, v as f64)?.1, ray(u as f64 + 0.5, v as f64)?.1);
+            Some(a.angle(&b))
+        };
+        let angles: Vec<f64> = rays.lit.iter().step_by(101).filter_map(|i| angle(*i)).collect();
+        rays.pixel_rad = (angles.iter().sum::<f64>() / angles.len().max(1) as f64) as f32;
+        rays
+    }
+
+    fn new(
+        size_px: [u32; 2],
+        height_m: f64,
+        ray: impl Fn(f64, f64) -> Option<(Vector3<f64>, Vector3<f64>)>,
+        pixel: impl Fn(f64, f64) -> PixelUse,
+    ) -> Self {
+        let [width, height] = size_px.map(|s| s as usize);
         let pixels = width * height;
         let mut rays = Self {
             width,
@@ -65,43 +110,30 @@ impl Rays {
             is_nominal: vec![false; pixels],
             bearing: vec![0.0; pixels],
             slope: vec![0.0; pixels],
-            camera_height_m: spec.height_m as f32,
+            camera_height_m: height_m as f32,
             pixel_rad: 0.0,
             tiles: Vec::new(),
             sectors: vec![Vec::new(); SECTORS],
             corners: vec![[0.0; 6]; (width + 1) * (height + 1)],
         };
-        let (inner, outer) = rim_radii(&pal, spec);
-        rays.pixel_rad = (2.0 / (inner + outer)) as f32;
-        let radius = |u: f64, v: f64| (u - spec.centre_px[0]).hypot(v - spec.centre_px[1]);
         for y in 0..=height {
             for x in 0..=width {
-                let (u, v) = (x as f64 - 0.5, y as f64 - 0.5);
-                let r = radius(u, v);
-                if r < inner - RIM_PX - 1.5 || r > outer + RIM_PX + 1.5 {
-                    continue;
-                }
-                if let Some(t) = pal.trace(u, v) {
-                    let (o, d) = (t.origin_mm * 1e-3, t.direction);
-                    rays.corners[y * (width + 1) + x] =
-                        [o.x, o.y, o.z + spec.height_m, d.x, d.y, d.z].map(|c| c as f32);
+                if let Some((o, d)) = ray(x as f64 - 0.5, y as f64 - 0.5) {
+                    rays.corners[y * (width + 1) + x] = [o.x, o.y, o.z + height_m, d.x, d.y, d.z].map(|c| c as f32);
                 }
             }
         }
         for y in 0..height {
             for x in 0..width {
                 let (u, v) = (x as f64, y as f64);
-                let r = radius(u, v);
-                if r < inner - RIM_PX || r > outer + RIM_PX {
-                    continue;
-                }
-                let Some(t) = pal.trace(u, v) else { continue };
+                let PixelUse { is_lit, is_nominal } = pixel(u, v);
+                let Some((_, d)) = ray(u, v).filter(|_| is_lit) else { continue };
                 let i = y * width + x;
                 rays.is_lit[i] = true;
                 rays.lit.push(i as u32);
-                rays.is_nominal[i] = r >= inner && r <= outer;
-                rays.bearing[i] = t.direction.y.atan2(t.direction.x) as f32;
-                rays.slope[i] = (t.direction.z / t.direction.x.hypot(t.direction.y)) as f32;
+                rays.is_nominal[i] = is_nominal;
+                rays.bearing[i] = d.y.atan2(d.x) as f32;
+                rays.slope[i] = (d.z / d.x.hypot(d.y)) as f32;
             }
         }
         let columns = width.div_ceil(TILE_PX);
@@ -170,6 +202,13 @@ impl Rays {
         let mix = |i: usize| a[i] * wa + b[i] * wb + c[i] * wc + d[i] * wd;
         Ray { origin: v3(mix(0), mix(1), mix(2)), direction: v3(mix(3), mix(4), mix(5)).unit() }
     }
+}
+
+/// Whether light falls on a pixel, and whether the design is for it.
+#[derive(Debug, Clone, Copy)]
+struct PixelUse {
+    is_lit: bool,
+    is_nominal: bool,
 }
 
 /// Where the camera stands: turns body rays into the room.
