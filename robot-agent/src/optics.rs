@@ -16,7 +16,7 @@ pub mod fixed_viewpoint;
 pub mod hyperboloidal;
 pub mod jacobian;
 #[cfg(test)]
-mod laws;
+pub(crate) mod laws;
 mod lens_distortion;
 pub mod mirror;
 pub mod misaligned;

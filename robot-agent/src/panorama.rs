@@ -1,7 +1,8 @@
 //! Unwrapping: from the camera's ring to a picture that reads like a picture.
 //!
-//! [`PanoramaGeometry`] says which bearing and elevation a panorama pixel has; [`GazeWindow`] the same for a virtual
-//! perspective camera; [`Lut`] holds where in the source each output pixel lies, for one mounted camera, with the
+//! [`PanoramaGeometry`] says which bearing and elevation a panorama pixel has (cylinder or sphere); [`GazeWindow`] the same
+//! for a virtual perspective camera; [`RadialPanorama`] is the ring by its image radius, plain or rectified, without a
+//! camera model; [`Lut`] holds where in the source each output pixel lies, for one mounted camera, with the
 //! bilinear weights; `kernel` is the loop over the pixels.
 //!
 //! ```text
@@ -16,6 +17,7 @@
 mod gaze;
 mod kernel;
 mod lut;
+mod radial;
 
 use std::f64::consts::{PI, TAU};
 
@@ -25,6 +27,7 @@ use crate::optics::MountedCamera;
 
 pub use gaze::GazeWindow;
 pub use lut::{Lut, LutEntry, UnwarpError};
+pub use radial::RadialPanorama;
 
 /// How rows are spaced in elevation.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -67,6 +70,16 @@ pub enum GeometryError {
         high_deg: f64,
         /// What the projection can show.
         limit: &'static str,
+    },
+    /// A rectifying polynomial that does not run in one sense over the ring.
+    #[error(
+        "a rectifying polynomial that turns back between the image radii {inner_px} and {outer_px} px: rows would fold"
+    )]
+    Folded {
+        /// Smaller radius.
+        inner_px: f64,
+        /// Larger radius.
+        outer_px: f64,
     },
     /// The camera does not see all around.
     #[error("a {model} camera does not see all around: only `perspective` views can be made from it")]

@@ -65,8 +65,9 @@ fn every_camera_s_traced_rays_are_the_agent_s() {
         for (i, j) in (0..61).flat_map(|i| (0..47).map(move |j| (f64::from(i), f64::from(j)))) {
             let pixel = Vector2::new(i / 61.0 * w + 0.29, j / 47.0 * h + 0.17);
             let Some(ray) = camera.unproject(&pixel) else { continue };
-            let traced = (specimen.trace)(pixel.x, pixel.y)
-                .unwrap_or_else(|| panic!("{}: the agent sees something at {pixel:?}, no light comes from there", specimen.name));
+            let traced = (specimen.trace)(pixel.x, pixel.y).unwrap_or_else(|| {
+                panic!("{}: the agent sees something at {pixel:?}, no light comes from there", specimen.name)
+            });
             worst_rad = worst_rad.max(ray.direction.cross(&traced.direction).norm());
             let far = camera.project_direction(&traced.direction).unwrap();
             worst_px = worst_px.max((far - pixel).norm());
@@ -79,5 +80,21 @@ fn every_camera_s_traced_rays_are_the_agent_s() {
         println!("{:26} {compared:5} pixels, worst {worst_px:.1e} px, {worst_rad:.1e} rad", specimen.name);
         assert!(compared > 300, "{}: {compared}", specimen.name);
         assert!(worst_px < 1e-6, "{}: {worst_px} px", specimen.name);
+    }
+}
+
+#[test]
+fn the_zoo_shows_every_camera_and_unwraps_it() {
+    let scenario = Scenario::builtin("tiny").unwrap().unwrap();
+    let world = sim_harness::world::World::new(&scenario, 1).unwrap().into();
+    // One with its own glass, one that sees straight up, one that does not see all around.
+    for name in ["spherical", "fisheye-equidistant", "pinhole"] {
+        let specimens = sim_harness::zoo::specimens();
+        let specimen = specimens.iter().find(|s| s.name == name).unwrap();
+        let [raw, panorama] = specimen.pictures(&world).unwrap();
+        assert_eq!([raw.width(), raw.height()], specimen.size_px);
+        let shown =
+            panorama.pixels().filter(|p| p.0[0] > 5).count() as f64 / f64::from(panorama.width() * panorama.height());
+        assert!(shown > 0.6, "{name}: {shown}");
     }
 }

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 
 use clap::{Args, Subcommand, ValueEnum};
 use nalgebra::{Vector2, Vector3};
-use robot_agent::optics::{MountedCamera, Ray};
+use robot_agent::optics::{MountedCamera, Ray, fixed_viewpoint};
 use robot_agent::panorama::PanoramaGeometry;
 use serde_json::{Value, json};
 
@@ -25,7 +25,8 @@ enum Question {
     /// Pixels on standard input, a line `[u_px, v_px]` each; rays `{"origin_m":[x,y,z],"direction":[x,y,z]}` or `null`
     /// on standard output.
     Unproject(Points),
-    /// What the camera is: model, field of view, mounting, resolution, default panorama.
+    /// What the camera is: model, field of view, mounting, resolution, viewpoint locus, what a fixed viewpoint costs at
+    /// 0.25 to 10 m, default panorama.
     Describe {
         /// The camera file (camera.toml).
         #[arg(long, value_name = "FILE")]
@@ -165,6 +166,29 @@ fn facts(camera: &MountedCamera) -> Value {
         })
         .collect();
     let viewpoint = camera.viewpoint_body_m();
+    const LOCUS_POINTS: u32 = 8;
+    let locus: Vec<Value> = fixed_viewpoint::locus(model, LOCUS_POINTS)
+        .into_iter()
+        .map(|p| {
+            json!({
+                "elevation_deg": rounded(p.elevation_rad.to_degrees()),
+                "axis_z_mm": rounded(p.axis_z_m * 1e3),
+                "caustic_r_mm": rounded(p.caustic_m[0] * 1e3),
+                "caustic_z_mm": rounded(p.caustic_m[1] * 1e3),
+            })
+        })
+        .collect();
+    let costs: Vec<Value> = [0.25, 0.5, 1.0, 2.0, 3.0, 5.0, 10.0]
+        .into_iter()
+        .map(|distance_m| {
+            let cost = fixed_viewpoint::cost(model, distance_m);
+            json!({
+                "distance_m": distance_m,
+                "bearing_deg": rounded(cost.bearing_rad.to_degrees()),
+                "elevation_deg": rounded(cost.elevation_rad.to_degrees()),
+            })
+        })
+        .collect();
     json!({
         "model": model.model(),
         "image_size_px": model.image_size_px(),
@@ -172,6 +196,9 @@ fn facts(camera: &MountedCamera) -> Value {
         "elevation_deg": [rounded(low.to_degrees()), rounded(high.to_degrees())],
         "viewpoint_body_m": [rounded(viewpoint.x), rounded(viewpoint.y), rounded(viewpoint.z)],
         "viewpoint_miss_mm": rounded(model.viewpoint_miss_m() * 1e3),
+        "viewpoint_locus": locus,
+        "fixed_viewpoint_cost": costs,
+        "misalignment": model.misalignment(),
         "mounting": {
             "position_m": mounting.position_m.as_slice(),
             "position_sigma_m": mounting.sigma.position_m.as_slice(),

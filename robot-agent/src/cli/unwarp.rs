@@ -6,7 +6,7 @@ use std::path::PathBuf;
 use clap::ValueEnum;
 use robot_agent::capture;
 use robot_agent::optics::MountedCamera;
-use robot_agent::panorama::{GazeWindow, Lut, PanoramaGeometry, Projection};
+use robot_agent::panorama::{GazeWindow, Lut, PanoramaGeometry, Projection, RadialPanorama};
 use serde_json::json;
 
 use super::{Failure, Format};
@@ -55,6 +55,8 @@ enum Kind {
     Cylinder,
     /// All bearings; rows equally spaced in elevation.
     Sphere,
+    /// The ring by its image radius, rows rectified by a polynomial (the report's 4-1 with 4-2).
+    Rectified,
     /// A virtual camera: straight lines stay straight.
     Perspective,
 }
@@ -101,6 +103,13 @@ impl Arguments {
         };
         let width = self.width.unwrap_or(default.width());
         let height = self.height.unwrap_or(default.height());
+        if self.projection == Some(Kind::Rectified) {
+            if self.elevation_deg.is_some() {
+                return Err(Failure::usage("--elevation-deg: a rectified panorama shows the whole ring; leave it out"));
+            }
+            let panorama = RadialPanorama::for_camera(camera, [width, height]).map_err(Failure::usage)?;
+            return Ok(Lut::radial(camera, &panorama));
+        }
         let geometry = PanoramaGeometry::new(width, height, projection, elevation_rad).map_err(Failure::usage)?;
         Ok(Lut::panorama(camera, &geometry))
     }

@@ -1,6 +1,6 @@
 //! A virtual perspective camera that looks somewhere into the panorama (`MATHS.md` §7.8).
 
-use nalgebra::Vector3;
+use nalgebra::{Vector2, Vector3};
 
 /// A perspective window. Bearings and elevations of the body frame; pixel centres at integers.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -46,11 +46,27 @@ impl GazeWindow {
         let f = self.focal_px();
         let x = (u + 0.5 - 0.5 * f64::from(self.width)) / f;
         let y = (v + 0.5 - 0.5 * f64::from(self.height)) / f;
+        let [forward, right, up] = self.axes();
+        forward + right * x - up * y
+    }
+
+    /// The pixel that looks in a direction of the body frame, also beyond the window's edges; `None` behind it.
+    pub fn pixel(&self, direction: &Vector3<f64>) -> Option<Vector2<f64>> {
+        let [forward, right, up] = self.axes().map(|axis| axis.dot(direction));
+        (forward > 0.0).then_some(())?;
+        let f = self.focal_px() / forward;
+        let middle = |side: u32| 0.5 * f64::from(side) - 0.5;
+        Some(Vector2::new(middle(self.width) + f * right, middle(self.height) - f * up))
+    }
+
+    /// Forward, right, up.
+    fn axes(&self) -> [Vector3<f64>; 3] {
         let (sin_p, cos_p) = self.pan_rad.sin_cos();
         let (sin_t, cos_t) = self.tilt_rad.sin_cos();
-        let forward = Vector3::new(cos_t * cos_p, cos_t * sin_p, sin_t);
-        let right = Vector3::new(sin_p, -cos_p, 0.0);
-        let up = Vector3::new(-sin_t * cos_p, -sin_t * sin_p, cos_t);
-        forward + right * x - up * y
+        [
+            Vector3::new(cos_t * cos_p, cos_t * sin_p, sin_t),
+            Vector3::new(sin_p, -cos_p, 0.0),
+            Vector3::new(-sin_t * cos_p, -sin_t * sin_p, cos_t),
+        ]
     }
 }

@@ -2,7 +2,7 @@
 
 use nalgebra::Vector2;
 
-use super::{GazeWindow, PanoramaGeometry, kernel};
+use super::{GazeWindow, PanoramaGeometry, RadialPanorama, kernel};
 use crate::optics::{MountedCamera, direction};
 
 /// One output pixel: the upper left of its four source pixels and the weights of the right and lower ones in 1/256.
@@ -55,6 +55,21 @@ impl Lut {
         Self::from_camera(camera, [window.width, window.height], |u, v| window.direction(f64::from(u), f64::from(v)))
     }
 
+    /// The table of a panorama by image radius. Pixels outside the camera's domain or touching its mask are not valid.
+    pub fn radial(camera: &MountedCamera, panorama: &RadialPanorama) -> Self {
+        let mut lut = Self::from_map(panorama.size_px(), camera.image_size_px(), |u, v| {
+            Some(panorama.source_of(f64::from(u), f64::from(v))).filter(|at| camera.camera().unproject(at).is_some())
+        });
+        lut.exclude_masked(camera);
+        lut
+    }
+
+    fn exclude_masked(&mut self, camera: &MountedCamera) {
+        if let Some(mask) = camera.mask() {
+            self.exclude(&mask.tested);
+        }
+    }
+
     fn from_camera(
         camera: &MountedCamera,
         size_px: [u32; 2],
@@ -62,9 +77,7 @@ impl Lut {
     ) -> Self {
         let mut lut =
             Self::from_map(size_px, camera.image_size_px(), |u, v| camera.project_body_direction(&direction(u, v)));
-        if let Some(mask) = camera.mask() {
-            lut.exclude(&mask.tested);
-        }
+        lut.exclude_masked(camera);
         lut
     }
 

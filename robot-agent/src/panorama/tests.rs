@@ -4,7 +4,9 @@ use nalgebra::Vector2;
 use serde_json::Value;
 
 use super::*;
-use crate::optics::{Mounting, Pal, PalDesign, Pinhole, bearing_rad, elevation_rad, pinhole::PinholeParameters};
+use crate::optics::{
+    CameraFile, Mounting, Pal, PalDesign, Pinhole, bearing_rad, elevation_rad, pinhole::PinholeParameters,
+};
 
 fn golden(group: &str) -> Value {
     let all: Value = serde_json::from_str(include_str!("../../../tests/golden/golden.json")).unwrap();
@@ -79,24 +81,6 @@ fn impossible_panoramas_are_named() {
     assert!(new(100, 10, Projection::Sphere, [5.0, -5.0]).contains("lower"));
     assert!(new(100, 10, Projection::Cylinder, [0.0, 89.9]).contains("cylinder"));
     assert!(new(100, 10, Projection::Sphere, [f64::NAN, 1.0]).contains("NaN"));
-}
-
-#[test]
-fn map_4_1_is_golden() {
-    let golden = golden("map41");
-    let input = &golden["inputs"];
-    let (first, last) = (number(&input["r_first"]), number(&input["r_last"]));
-    let (x0, y0) = (number(&input["x0"]), number(&input["y0"]));
-    let rows = number(&input["Hrows"]);
-    // Rows by radius, columns by our geometry with its left border at bearing 0.
-    let panorama = cylinder(1080, 162, [-15.0, 20.0]).with_theta0(0.0);
-    for case in golden["outputs"].as_array().unwrap() {
-        let theta = panorama.bearing_of_column(number(&case["col"]));
-        let row = number(&case["row"]);
-        let r = first + (row + 0.5) * (last - first) / rows;
-        assert_close(x0 + r * theta.cos(), number(&case["xy"][0]), 1e-8);
-        assert_close(y0 + r * theta.sin(), number(&case["xy"][1]), 1e-8);
-    }
 }
 
 #[test]
@@ -263,4 +247,77 @@ fn a_picture_of_another_size_is_an_error() {
     let error = lut.unwarp(&[0; 100], &mut [0; 900]).unwrap_err();
     assert_eq!((error.got, error.expected), (100, 768 * 576));
     assert!(lut.unwarp(&vec![0; 768 * 576], &mut [0; 90]).is_err());
+}
+
+/// Cameras of every kind, mounted askew.
+fn cameras() -> Vec<MountedCamera> {
+    let tables = [
+        "[hyperboloidal]\na_mm = 28.0955\nc_mm = 38.658\nfocal_length_px = 600\ncamera = \"below\"",
+        "[paraboloidal]\np_mm = 30\nmagnification_px_per_mm = 6.5\ncamera = \"below\"",
+        "[ellipsoidal]\na_mm = 60\nc_mm = 30\nfocal_length_px = 420\ncamera = \"below\"",
+        "[spherical]\nrho_mm = 40\nh_mm = 120\nfocal_length_px = 780\ncamera = \"below\"",
+        "[conic]\ngamma_deg = 55\nh_mm = 80\nfocal_length_px = 420\ncamera = \"below\"",
+        "[fisheye]\nlaw = \"equidistant\"\nfocal_length_px = [184, 180]",
+        "[unified-sphere]\nxi = 0.93\nfocal_length_px = 270",
+        "[polynomial]\nforward = [-190.0, 0.0, 1.1e-3, 6e-7, 2e-9]",
+    ];
+    let mounting = "[mounting]\nheight_m = 0.6\ntilt_deg = [1.0, -2.0]\nazimuth_offset_deg = 30.0\n";
+    let parse = |table: &&str| {
+        let model = &table[1..table.find(']').unwrap()];
+        let text =
+            format!("model = \"{model}\"\nimage_size_px = [768, 576]\n{table}\ncentre_px = [380.0, 290.0]\n{mounting}");
+        CameraFile::parse(&text, "camera.toml".as_ref()).unwrap().mount().unwrap()
+    };
+    let pal = MountedCamera::new(
+        Pal::reference(),
+        Mounting { rotation_rpy_rad: [0.02, -0.03, 0.5], ..Mounting::at_height(0.6) },
+    );
+    tables.iter().map(parse).chain([pal]).collect()
+}
+
+#[test]
+fn every_projection_of_every_camera_comes_back_to_its_pixel() {
+    for camera in cameras() {
+        let model = camera.camera().model();
+        let sphere = PanoramaGeometry::new(720, 240, Projection::Sphere, [-1.5, 1.5]).unwrap();
+        let cylinder = PanoramaGeometry::new(720, 240, Projection::Cylinder, [-1.2, 1.2]).unwrap();
+        let window = GazeWindow { width: 320, height: 240, hfov_rad: 1.4, pan_rad: 0.7, tilt_rad: -0.1 };
+        let mut seen = 0;
+        let mut check = |u: f64, v: f64, source: Option<Vector2<f64>>, back: &dyn Fn(f64, f64) -> Vector2<f64>| {
+            let Some(source) = source else { return };
+            let (bearing, elevation) = camera.bearing_elevation_rad(&source).unwrap();
+            let off = (back(bearing, elevation) - Vector2::new(u, v)).norm();
+            assert!(off < 0.01, "{model}: {off} px at {u}, {v}");
+            seen += 1;
+        };
+        for (i, j) in (0..90).flat_map(|i| (0..30).map(move |j| (i, j))) {
+            for geometry in [sphere, cylinder] {
+                let (u, v) = (f64::from(i) * 8.0 + 0.1, f64::from(j) * 8.0 + 0.3);
+                let d = crate::optics::direction(geometry.bearing_of_column(u), geometry.elevation_of_row(v));
+                check(u, v, camera.project_body_direction(&d), &|b, e| {
+                    Vector2::new(geometry.column_of_bearing(b), geometry.row_of_elevation(e))
+                });
+            }
+            let (u, v) = (f64::from(i) * 3.5, f64::from(j) * 8.0);
+            check(u, v, camera.project_body_direction(&window.direction(u, v)), &|b, e| {
+                window.pixel(&crate::optics::direction(b, e)).unwrap()
+            });
+        }
+        assert!(seen > 500, "{model}: {seen}");
+    }
+}
+
+#[test]
+fn every_ring_and_rectified_ring_comes_back_to_its_pixel() {
+    for camera in cameras() {
+        let rectified = RadialPanorama::for_camera(&camera, [720, 120]);
+        let Ok(rectified) = rectified else { panic!("{}: {rectified:?}", camera.camera().model()) };
+        for (i, j) in (0..90).flat_map(|i| (0..30).map(move |j| (i, j))) {
+            let (u, v) = (f64::from(i) * 8.0 + 0.1, f64::from(j) * 4.0);
+            let off = (rectified.pixel_of(&rectified.source_of(u, v)) - Vector2::new(u, v)).norm();
+            assert!(off < 0.01, "{}: {off} px", camera.camera().model());
+        }
+        let valid = Lut::radial(&camera, &rectified).valid().iter().filter(|v| **v).count();
+        assert!(valid > 720 * 120 / 2, "{}: {valid}", camera.camera().model());
+    }
 }
