@@ -46,10 +46,11 @@ pub fn specimens() -> Vec<Specimen> {
 fn specimen(
     name: &'static str,
     model: &'static str,
-    table: String,
+    mut table: String,
     trace: impl Fn(f64, f64) -> Option<OutwardRay> + Send + Sync + 'static,
 ) -> Specimen {
-    Specimen { name, model, size_px: SIZE, table: format!("{table}centre_px = {CENTRE:?}\n"), trace: Box::new(trace) }
+    table.push_str(&format!("centre_px = {CENTRE:?}\n"));
+    Specimen { name, model, size_px: SIZE, table, trace: Box::new(trace) }
 }
 
 fn bench(name: &'static str, model: &'static str, table: String, bench: Bench) -> Specimen {
