@@ -35,7 +35,7 @@ pub fn specimens() -> Vec<Specimen> {
         fisheye("stereographic", 140.0, |theta| 2.0 * (0.5 * theta).tan(), 3.1),
         fisheye("equisolid", 200.0, |theta| 2.0 * (0.5 * theta).sin(), PI - 1e-3),
         fisheye("orthographic", 285.0, f64::sin, FRAC_PI_2 - 1e-3),
-        fisheye("kannala-brandt", 180.0, |t| t + 0.02 * t.powi(3) - 0.005 * t.powi(5) + 0.0004 * t.powi(7), 2.0),
+        fisheye("kannala-brandt", 180.0, |t| t + 0.02 * t.powi(3) - 0.005 * t.powi(5) + 0.0004 * t.powi(7), PI - 1e-3),
         unified_sphere(),
         polynomial(),
         mosaic(),
