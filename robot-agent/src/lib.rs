@@ -1,6 +1,7 @@
 #![doc = include_str!("../README.md")]
 
 pub mod agent;
+pub mod calibration;
 pub mod capture;
 pub mod config;
 pub mod motion;

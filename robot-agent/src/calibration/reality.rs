@@ -1,0 +1,61 @@
+//! Calibrations from recordings of others; they need the folder `PALTEAM_DATA` and are ignored otherwise.
+#![expect(clippy::unwrap_used, clippy::expect_used, reason = "a test fails by panicking")]
+
+use std::path::{Path, PathBuf};
+
+use nalgebra::Vector2;
+
+use super::BoardSize;
+use super::corners::find_board;
+
+fn data(name: &str) -> PathBuf {
+    Path::new(&std::env::var("PALTEAM_DATA").expect("PALTEAM_DATA names the folder of recordings")).join(name)
+}
+
+/// Boards found, and the median distance to the corners that OpenCV found in the same pictures.
+fn found(folder: &str, corners: &str) -> (usize, usize, f64) {
+    let text = std::fs::read_to_string(data(corners)).unwrap();
+    let file: serde_json::Value = serde_json::from_str(&text).unwrap();
+    let number = |key: &str| file["board"][key].as_u64().unwrap() as usize;
+    let size = BoardSize { cols: number("cols"), rows: number("rows") };
+    let (mut boards, mut distances) = (0, Vec::new());
+    let listed = file["corners"].as_object().unwrap();
+    for (name, reference) in listed {
+        let picture = image::open(data(folder).join(name)).unwrap().into_luma8();
+        let reference: Vec<[f64; 2]> = serde_json::from_value(reference.clone()).unwrap();
+        match find_board(&picture, size) {
+            Ok(corners) => {
+                boards += 1;
+                let before = distances.len();
+                for c in &corners {
+                    let nearest = reference.iter().map(|r| (Vector2::from(*r) - c).norm()).fold(f64::INFINITY, f64::min);
+                    distances.push(nearest);
+                }
+                let worst = distances[before..].iter().copied().fold(0.0, f64::max);
+                println!("{name}: worst {worst:.2}");
+            }
+            Err(reason) => println!("{name}: {reason}"),
+        }
+    }
+    distances.sort_by(f64::total_cmp);
+    (boards, listed.len(), distances[distances.len() / 2])
+}
+
+#[test]
+#[ignore = "needs PALTEAM_DATA"]
+fn boards_are_found_in_the_pictures_of_a_real_mirror() {
+    let (boards, pictures, median_px) = found("calib_kaidan_omni", "calib_kaidan_omni/corners_opencv.json");
+    println!("Kaidan: {boards} of {pictures}, median {median_px:.3} px");
+    assert!(boards >= 14 && pictures == 17, "{boards} of {pictures}");
+    assert!(median_px < 0.3, "{median_px}");
+}
+
+#[test]
+#[ignore = "needs PALTEAM_DATA"]
+fn boards_are_found_in_the_pictures_of_opencv() {
+    let (boards, pictures, median_px) =
+        found("calib_opencv_omnidir/images", "calib_opencv_omnidir/corners_opencv.json");
+    println!("OpenCV: {boards} of {pictures}, median {median_px:.3} px");
+    assert!(boards >= 16 && pictures == 18, "{boards} of {pictures}");
+    assert!(median_px < 0.3, "{median_px}");
+}
