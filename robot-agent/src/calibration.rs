@@ -2,35 +2,27 @@
 //!
 //! ```text
 //! pictures ─▶ corners ─┐
-//! corner files ────────┴▶ observations ─▶ bundle (model, poses) ─▶ selection ─▶ camera.toml, report
+//! corner files ────────┴▶ observations ─▶ bundle (camera, poses) ─▶ selection ─▶ camera.toml, report
 //! ```
 
+pub mod board;
+// pub mod bundle;
+pub mod centre;
 pub mod corner_file;
 pub mod corners;
+// pub mod free_camera;
+pub mod observation;
+pub mod radial;
 
-use std::fmt;
-
-/// Inner corners of a chessboard: where four squares meet.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct BoardSize {
-    /// Corners along a row.
-    pub cols: usize,
-    /// Rows of corners.
-    pub rows: usize,
-}
-
-impl BoardSize {
-    /// Number of inner corners.
-    pub fn corners(&self) -> usize {
-        self.cols * self.rows
-    }
-}
-
-impl fmt::Display for BoardSize {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{}x{}", self.cols, self.rows)
-    }
-}
+pub use board::{Board, BoardSize};
 
 #[cfg(test)]
 mod reality;
+
+/// A group of the golden numbers, which come from code that shares nothing with this project.
+#[cfg(test)]
+#[expect(clippy::unwrap_used, reason = "a test fails by panicking")]
+fn golden(group: &str) -> serde_json::Value {
+    let all: serde_json::Value = serde_json::from_str(include_str!("../../tests/golden/golden.json")).unwrap();
+    all[group].clone()
+}

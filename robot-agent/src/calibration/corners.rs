@@ -10,7 +10,7 @@
 mod grid;
 mod saddle;
 
-use image::GrayImage;
+use crate::capture::GrayPicture;
 use nalgebra::Vector2;
 
 use super::BoardSize;
@@ -60,7 +60,7 @@ pub enum BoardNotFound {
 ///
 /// # Errors
 /// No complete board of this size is in the picture; the reason says what was found instead.
-pub fn find_board(picture: &GrayImage, size: BoardSize) -> Result<Vec<Vector2<f64>>, BoardNotFound> {
+pub fn find_board(picture: &GrayPicture, size: BoardSize) -> Result<Vec<Vector2<f64>>, BoardNotFound> {
     let mut best: Option<BoardNotFound> = None;
     for blur_px in BLURS_PX {
         let surface = saddle::Surface::new(picture, blur_px);
@@ -88,7 +88,7 @@ impl BoardNotFound {
 }
 
 /// Each corner from the unblurred picture, in as wide a window as its neighbours leave.
-fn refined(picture: &GrayImage, corners: &[Vector2<f64>], size: BoardSize) -> Vec<Vector2<f64>> {
+fn refined(picture: &GrayPicture, corners: &[Vector2<f64>], size: BoardSize) -> Vec<Vector2<f64>> {
     let at = |i: usize, j: usize| corners[j * size.cols + i];
     (0..corners.len())
         .map(|index| {

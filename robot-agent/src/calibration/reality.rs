@@ -7,6 +7,7 @@ use nalgebra::Vector2;
 
 use super::BoardSize;
 use super::corners::find_board;
+use crate::capture::read_gray;
 
 fn data(name: &str) -> PathBuf {
     Path::new(&std::env::var("PALTEAM_DATA").expect("PALTEAM_DATA names the folder of recordings")).join(name)
@@ -21,7 +22,7 @@ fn found(folder: &str, corners: &str) -> (usize, usize, f64) {
     let (mut boards, mut distances) = (0, Vec::new());
     let listed = file["corners"].as_object().unwrap();
     for (name, reference) in listed {
-        let picture = image::open(data(folder).join(name)).unwrap().into_luma8();
+        let picture = read_gray(&data(folder).join(name), None).unwrap();
         let reference: Vec<[f64; 2]> = serde_json::from_value(reference.clone()).unwrap();
         match find_board(&picture, size) {
             Ok(corners) => {

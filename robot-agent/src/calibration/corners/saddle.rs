@@ -1,6 +1,6 @@
 //! Saddles of the gray values: where they are, which way their two edges run, which sectors are bright.
 
-use image::GrayImage;
+use crate::capture::GrayPicture;
 use nalgebra::{Matrix2, SMatrix, SVector, Vector2};
 
 /// Saddles weaker than this share of the strong ones are noise.
@@ -32,9 +32,9 @@ pub(super) struct Surface {
 }
 
 impl Surface {
-    pub(super) fn new(picture: &GrayImage, blur_px: f32) -> Self {
-        let (width, height) = (picture.width() as usize, picture.height() as usize);
-        let sharp: Vec<f32> = picture.as_raw().iter().map(|g| f32::from(*g)).collect();
+    pub(super) fn new(picture: &GrayPicture, blur_px: f32) -> Self {
+        let (width, height) = (picture.width as usize, picture.height as usize);
+        let sharp: Vec<f32> = picture.gray.iter().map(|g| f32::from(*g)).collect();
         let gray = blurred(&sharp, width, height, blur_px);
         let mut strength = vec![0.0; gray.len()];
         for v in 1..height.saturating_sub(1) {
@@ -159,11 +159,11 @@ fn edges(hessian: &Matrix2<f64>) -> [f64; 2] {
 /// window leaves the picture or the surface is no saddle.
 ///
 /// Source: the polynomial step of ROCHADE (Placht et al., ECCV 2014), which was made for strong distortion.
-pub(super) fn refine(picture: &GrayImage, estimate: Vector2<f64>, nearest_px: f64) -> Option<Vector2<f64>> {
+pub(super) fn refine(picture: &GrayPicture, estimate: Vector2<f64>, nearest_px: f64) -> Option<Vector2<f64>> {
     const REACH_PX: f64 = 2.0;
     let radius = (0.45 * nearest_px).clamp(2.5, 7.0);
-    let (width, height) = (picture.width() as usize, picture.height() as usize);
-    let raw = picture.as_raw();
+    let (width, height) = (picture.width as usize, picture.height as usize);
+    let raw = &picture.gray;
     let mut at = estimate;
     for _ in 0..20 {
         let mut normal = SMatrix::<f64, 6, 6>::zeros();

@@ -1,0 +1,165 @@
+//! A camera some of whose numbers a fit may turn.
+
+use std::sync::Arc;
+
+use nalgebra::{DMatrix, Vector2, Vector3};
+
+use super::bundle::ViewPose;
+use super::observation::Observations;
+use crate::optics::Camera;
+
+/// Differences move pixels by about this much: far above rounding, far below curvature.
+const DIFFERENCE_PX: f64 = 1e-3;
+
+/// An unknown of a fit: one number of the camera, or several that are held equal.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Unknown {
+    /// Name of the (first) number, as in `camera.toml`.
+    pub name: String,
+    /// Which of the camera's numbers.
+    indices: Vec<usize>,
+}
+
+/// A camera with its unknowns.
+#[derive(Debug, Clone)]
+pub struct FreeCamera {
+    camera: Arc<dyn Camera>,
+    values: Vec<f64>,
+    unknowns: Vec<Unknown>,
+    /// Whether the values make a camera; if not, `camera` is the last that did.
+    sound: bool,
+}
+
+impl FreeCamera {
+    /// Turns the numbers with these names; names joined by `=` are held equal. Names that the camera does not have are
+    /// left out.
+    pub fn new(camera: Arc<dyn Camera>, free: &[&str]) -> Self {
+        let parameters = camera.parameters();
+        let index = |name: &str| parameters.iter().position(|p| p.name == name);
+        let unknowns = free
+            .iter()
+            .filter_map(|names| {
+                let indices: Vec<usize> = names.split('=').filter_map(index).collect();
+                let name = parameters.get(*indices.first()?)?.name.clone();
+                Some(Unknown { name, indices })
+            })
+            .collect();
+        Self { values: parameters.iter().map(|p| p.value).collect(), camera, unknowns, sound: true }
+    }
+
+    /// The camera.
+    pub fn camera(&self) -> &Arc<dyn Camera> {
+        &self.camera
+    }
+
+    /// What is turned.
+    pub fn unknowns(&self) -> &[Unknown] {
+        &self.unknowns
+    }
+
+    /// The unknowns' values.
+    pub fn unknown_values(&self) -> Vec<f64> {
+        self.unknowns.iter().map(|u| self.values[u.indices[0]]).collect()
+    }
+
+    /// Position of an unknown by name.
+    pub fn unknown(&self, name: &str) -> Option<usize> {
+        self.unknowns.iter().position(|u| u.name == name)
+    }
+
+    /// Turns the unknowns.
+    pub(super) fn set_unknowns(&mut self, values: &[f64]) {
+        for (unknown, value) in self.unknowns.iter().zip(values) {
+            for i in &unknown.indices {
+                self.values[*i] = *value;
+            }
+        }
+        let made = values.iter().all(|v| v.is_finite()).then(|| self.camera.with_values(&self.values).ok()).flatten();
+        self.sound = made.is_some();
+        if let Some(camera) = made {
+            self.camera = camera;
+        }
+    }
+
+    /// Whether the present values make a camera.
+    pub(super) fn is_sound(&self) -> bool {
+        self.sound
+    }
+
+    /// The same with one unknown moved; `None` where that makes no camera.
+    fn moved(&self, unknown: usize, by: f64) -> Option<Arc<dyn Camera>> {
+        let mut values = self.values.clone();
+        for i in &self.unknowns[unknown].indices {
+            values[*i] += by;
+        }
+        self.camera.with_values(&values).ok()
+    }
+
+    /// The same with its lengths in pixels times a factor: what is nearer to the picture's centre or farther from it.
+    /// `None` where that makes no camera.
+    pub(super) fn scaled(&self, factor: f64) -> Option<Self> {
+        let mut scaled = self.clone();
+        for (parameter, value) in self.camera.parameters().iter().zip(&mut scaled.values) {
+            *value *= scale_of(&parameter.name, factor);
+        }
+        scaled.camera = self.camera.with_values(&scaled.values).ok()?;
+        Some(scaled)
+    }
+
+    /// Derivatives of all projections by the unknowns at these poses: 2·points × unknowns, view by view, as differences
+    /// on both sides.
+    pub(super) fn jacobians(&self, observations: &Observations, poses: &[ViewPose]) -> Vec<DMatrix<f64>> {
+        let points: Vec<Vec<Vector3<f64>>> = observations
+            .views
+            .iter()
+            .zip(poses)
+            .map(|(view, pose)| view.points.iter().map(|(object, _)| pose.in_camera(object)).collect())
+            .collect();
+        let mut jacobians: Vec<DMatrix<f64>> =
+            points.iter().map(|p| DMatrix::zeros(2 * p.len(), self.unknowns.len())).collect();
+        let sample: Vec<Vector3<f64>> = points.iter().flat_map(|p| p.iter().step_by(7)).copied().collect();
+        for unknown in 0..self.unknowns.len() {
+            let Some(step) = self.difference(unknown, &sample) else { continue };
+            let (Some(up), Some(down)) = (self.moved(unknown, step), self.moved(unknown, -step)) else { continue };
+            for (points, jacobian) in points.iter().zip(&mut jacobians) {
+                for (i, point) in points.iter().enumerate() {
+                    if let (Some(a), Some(b)) = (up.image_of_point(point), down.image_of_point(point)) {
+                        let slope: Vector2<f64> = (a - b) / (2.0 * step);
+                        jacobian[(2 * i, unknown)] = slope.x;
+                        jacobian[(2 * i + 1, unknown)] = slope.y;
+                    }
+                }
+            }
+        }
+        jacobians
+    }
+
+    /// A change of the unknown that moves the sample by about [`DIFFERENCE_PX`]: units and scales of the numbers differ by
+    /// many orders of magnitude.
+    fn difference(&self, unknown: usize, sample: &[Vector3<f64>]) -> Option<f64> {
+        let value = self.values[self.unknowns[unknown].indices[0]].abs();
+        let mut step = if value > 0.0 { 1e-6 * value } else { 1e-12 };
+        for _ in 0..30 {
+            let moved = self.moved(unknown, step)?;
+            let shift = sample
+                .iter()
+                .filter_map(|p| Some((moved.image_of_point(p)? - self.camera.image_of_point(p)?).norm()))
+                .fold(0.0, f64::max);
+            if shift > 0.2 * DIFFERENCE_PX && shift < 5.0 * DIFFERENCE_PX {
+                return Some(step);
+            }
+            step *= (DIFFERENCE_PX / shift.max(1e-6 * DIFFERENCE_PX)).clamp(1e-4, 1e4);
+        }
+        None
+    }
+}
+
+/// How a number follows when the picture's scale changes: focal lengths with it, a polynomial's coefficient of the power n
+/// of the radius with its power 1 − n.
+fn scale_of(name: &str, factor: f64) -> f64 {
+    if name.starts_with("focal_length") {
+        return factor;
+    }
+    let power = name.strip_prefix("forward[").and_then(|n| n.strip_suffix(']')).and_then(|n| n.parse::<i32>().ok());
+    power.map_or(1.0, |n| factor.powi(1 - n))
+}
