@@ -6,13 +6,15 @@
 //! ```
 
 pub mod board;
-// pub mod bundle;
+pub mod bundle;
+pub mod candidate;
 pub mod centre;
 pub mod corner_file;
 pub mod corners;
-// pub mod free_camera;
+pub mod free_camera;
 pub mod observation;
 pub mod radial;
+pub mod selection;
 
 pub use board::{Board, BoardSize};
 

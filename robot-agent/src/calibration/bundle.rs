@@ -15,9 +15,9 @@ mod covariance;
 mod pose;
 mod start;
 
-pub use covariance::{CameraCovariance, CovarianceSource};
+pub use covariance::{CameraCovariance, CovarianceSource, WeakDirection};
 pub use pose::ViewPose;
-pub(crate) use pose::{fit_pose, jacobian_of_point};
+pub(crate) use pose::fit_pose;
 pub use start::StartError;
 
 use levenberg_marquardt::{LeastSquaresProblem, LevenbergMarquardt, TerminationReason};
@@ -347,6 +347,3 @@ impl LeastSquaresProblem<f64, Dyn, Dyn> for Problem<'_> {
         Some(all)
     }
 }
-
-#[cfg(test)]
-mod tests;

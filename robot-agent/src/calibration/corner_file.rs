@@ -47,9 +47,8 @@ pub enum CornerFileError {
     },
 }
 
-/// The JSON form with a board.
+/// The JSON form with a board. Other tools add keys of their own, which say nothing here.
 #[derive(Debug, Clone, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
 struct BoardFile {
     board: BoardEntry,
     image_size: [u32; 2],

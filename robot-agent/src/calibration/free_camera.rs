@@ -67,6 +67,16 @@ impl FreeCamera {
         self.unknowns.iter().position(|u| u.name == name)
     }
 
+    /// Whether the other has the same numbers, whichever of them it turns.
+    pub(super) fn is_same_model(&self, other: &Self) -> bool {
+        self.camera.model() == other.camera.model() && self.values.len() == other.values.len()
+    }
+
+    /// These unknowns of another camera of the same model.
+    pub(super) fn with_numbers_of(&self, other: &Self) -> Self {
+        Self { unknowns: self.unknowns.clone(), ..other.clone() }
+    }
+
     /// Turns the unknowns.
     pub(super) fn set_unknowns(&mut self, values: &[f64]) {
         for (unknown, value) in self.unknowns.iter().zip(values) {

@@ -6,7 +6,11 @@ use std::path::{Path, PathBuf};
 use nalgebra::Vector2;
 
 use super::BoardSize;
+use super::candidate::Kind;
+use super::corner_file;
 use super::corners::find_board;
+use super::observation::Observations;
+use super::selection::{Selection, select};
 use crate::capture::read_gray;
 
 fn data(name: &str) -> PathBuf {
@@ -59,4 +63,59 @@ fn boards_are_found_in_the_pictures_of_opencv() {
     println!("OpenCV: {boards} of {pictures}, median {median_px:.3} px");
     assert!(boards >= 16 && pictures == 18, "{boards} of {pictures}");
     assert!(median_px < 0.3, "{median_px}");
+}
+
+fn calibrated(observations: &Observations, kinds: &[Kind]) -> Selection {
+    let size = observations.image_size_px;
+    let candidates: Vec<_> = kinds.iter().flat_map(|kind| kind.candidates(size, None).unwrap()).collect();
+    let selection = select(observations, &candidates).unwrap();
+    for j in &selection.judged {
+        let c = j.fit.covariance();
+        let sigmas: Vec<String> = j
+            .fit
+            .camera
+            .unknowns()
+            .iter()
+            .zip(j.fit.camera.unknown_values())
+            .enumerate()
+            .map(|(i, (u, v))| format!("{} {v:.4}±{:.4}", u.name, c.as_ref().map_or(f64::NAN, |c| c.sigma(i))))
+            .collect();
+        println!(
+            "{}: rms {:.3} mean {:.3} unseen {:.3} bic {:.0} outliers {} {:?}\n   {}",
+            j.name,
+            j.fit.rms_px(),
+            j.fit.mean_px(),
+            j.unseen_rms_px.unwrap(),
+            j.information_criterion,
+            j.fit.outliers(),
+            c.map(|c| c.source),
+            sigmas.join(", ")
+        );
+    }
+    for (name, error) in &selection.failed {
+        println!("{name}: {error}");
+    }
+    println!("chosen: {}; {:?}", selection.best().name, selection.best().fit.undetermined());
+    selection
+}
+
+#[test]
+#[ignore = "needs PALTEAM_DATA"]
+fn a_real_mirror_is_calibrated_from_its_corners() {
+    let observations = corner_file::read(&data("calib_kaidan_omni/corners_opencv.json")).unwrap();
+    calibrated(&observations, &[Kind::UnifiedSphere, Kind::Polynomial, Kind::KannalaBrandt]);
+}
+
+#[test]
+#[ignore = "needs PALTEAM_DATA"]
+fn the_misaligned_mirror_of_opencv_is_calibrated_from_its_corners() {
+    let observations = corner_file::read(&data("calib_opencv_omnidir/corners_opencv.json")).unwrap();
+    calibrated(&observations, &[Kind::UnifiedSphere, Kind::Polynomial, Kind::KannalaBrandt]);
+}
+
+#[test]
+#[ignore = "needs PALTEAM_DATA"]
+fn the_xml_of_opencv_is_calibrated() {
+    let observations = corner_file::read(&data("calib_opencv_omnidir/omni_calib_data.xml")).unwrap();
+    calibrated(&observations, &[Kind::UnifiedSphere]);
 }

@@ -2,12 +2,11 @@
 
 use levenberg_marquardt::{LeastSquaresProblem, LevenbergMarquardt};
 use nalgebra::storage::Owned;
-use nalgebra::{DMatrix, DVector, Dyn, Isometry3, Matrix2x3, SVector, Translation3, U6, UnitQuaternion, Vector2, Vector3};
+use nalgebra::{DMatrix, DVector, Dyn, Isometry3, SVector, Translation3, U6, UnitQuaternion, Vector2, Vector3};
 
 use super::LOST_PX;
 use crate::calibration::free_camera::FreeCamera;
 use crate::calibration::observation::View;
-use crate::optics::Camera;
 
 /// The object in the camera's frame.
 #[derive(Debug, Clone, PartialEq)]
@@ -40,7 +39,7 @@ impl ViewPose {
         for (i, (object, _)) in view.points.iter().enumerate() {
             let turned = self.camera_from_object.rotation * object;
             let point = turned + self.camera_from_object.translation.vector;
-            let Some(by_point) = jacobian_of_point(camera.camera().as_ref(), &point) else { continue };
+            let Some(by_point) = camera.camera().point_jacobian(&point) else { continue };
             let by_rotation = by_point * -turned.cross_matrix();
             jacobian.fixed_view_mut::<2, 3>(2 * i, 0).copy_from(&by_rotation);
             jacobian.fixed_view_mut::<2, 3>(2 * i, 3).copy_from(&by_point);
@@ -58,19 +57,6 @@ impl ViewPose {
             ),
         }
     }
-}
-
-/// Derivative of a projection by the point (px per metre), as differences on both sides.
-pub(crate) fn jacobian_of_point(camera: &dyn Camera, point_m: &Vector3<f64>) -> Option<Matrix2x3<f64>> {
-    let step = 1e-5 * point_m.norm().max(1e-3);
-    let mut jacobian = Matrix2x3::zeros();
-    for k in 0..3 {
-        let mut offset = Vector3::zeros();
-        offset[k] = step;
-        let difference = camera.image_of_point(&(point_m + offset))? - camera.image_of_point(&(point_m - offset))?;
-        jacobian.set_column(k, &(difference / (2.0 * step)));
-    }
-    Some(jacobian)
 }
 
 /// The best pose near a start, for this camera. Weights are in [0, 1].
