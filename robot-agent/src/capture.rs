@@ -21,7 +21,7 @@ use protocol::time::Timestamp;
 
 use crate::agent::Frame;
 
-pub use picture_file::{GrayPicture, read_gray};
+pub use picture_file::{GrayPicture, is_picture, read_gray};
 
 /// A stream of frames in order of capture.
 pub trait FrameSource: Send {
@@ -149,7 +149,7 @@ pub fn open(input: &Path, options: CaptureOptions) -> Result<Box<dyn FrameSource
     if metadata.is_dir() {
         return Ok(Box::new(folder::ImageFolder::open(input, options)?));
     }
-    if picture_file::is_picture(input) {
+    if is_picture(input) {
         return Ok(Box::new(folder::ImageFolder::single(input, options)));
     }
     let is_y4m = input.extension().is_some_and(|e| e.eq_ignore_ascii_case("y4m"));

@@ -3,6 +3,7 @@
 //! Results go to standard output, logs and errors to standard error. Exit codes: 0 fine, 1 the job failed, 2 usage or
 //! configuration error.
 
+mod calibrate;
 mod camera;
 mod check;
 mod peers;
@@ -35,6 +36,7 @@ enum Command {
     Track(track::Arguments),
     Unwarp(unwarp::Arguments),
     Camera(camera::Arguments),
+    Calibrate(calibrate::Arguments),
     Peers(peers::Arguments),
     Check(check::Arguments),
 }
@@ -94,6 +96,7 @@ pub fn main() -> ExitCode {
         Command::Track(arguments) => track::execute(arguments),
         Command::Unwarp(arguments) => unwarp::execute(arguments),
         Command::Camera(arguments) => camera::execute(arguments),
+        Command::Calibrate(arguments) => calibrate::execute(arguments),
         Command::Peers(arguments) => peers::execute(arguments),
         Command::Check(arguments) => check::execute(arguments),
     };

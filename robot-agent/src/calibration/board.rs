@@ -41,7 +41,9 @@ pub struct Board {
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum BoardError {
     /// Too few or too many corners.
-    #[error("a board of {0} inner corners: each side must have at least 2 and at most 100, and all together at least 6")]
+    #[error(
+        "a board of {0} inner corners: each side must have at least 2 and at most 100, and all together at least 6"
+    )]
     Size(BoardSize),
     /// Not the side of a square.
     #[error("squares of {square_m} m: must be between 0.001 and 10 m (is the unit right?)")]

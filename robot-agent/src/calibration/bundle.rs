@@ -66,8 +66,10 @@ pub enum BundleError {
         rms_px: f64,
     },
     /// Too many points contradict the rest.
-    #[error("{model}: {outliers} of {points} points contradict the others (wrong corner order, or views of different boards?); \
-             worst is view {worst_view:?} with rms {worst_px:.1} px")]
+    #[error(
+        "{model}: {outliers} of {points} points contradict the others (wrong corner order, or views of different boards?); \
+             worst is view {worst_view:?} with rms {worst_px:.1} px"
+    )]
     Contradictory {
         /// The camera's model.
         model: String,
@@ -123,7 +125,8 @@ impl Fit {
         let mut reason = TerminationReason::LostPatience;
         for _ in 0..MAX_ROUNDS {
             if camera_unknowns > 0 {
-                let solver = LevenbergMarquardt::new().with_ftol(1e-12).with_xtol(1e-10).with_gtol(1e-12).with_patience(40);
+                let solver =
+                    LevenbergMarquardt::new().with_ftol(1e-10).with_xtol(1e-9).with_gtol(1e-10).with_patience(30);
                 let (solved, report) = solver.minimize(problem);
                 problem = solved;
                 // The last step that was tried may have been refused: the poses must be those of the result.
@@ -171,6 +174,12 @@ impl Fit {
         pairs.map(|(r, w)| w * r.norm_squared()).sum()
     }
 
+    /// Root mean square length of the residuals, each counted by its weight, px: what errors on unseen views compare with.
+    pub fn weighted_rms_px(&self) -> f64 {
+        let points = self.residuals_px.iter().map(Vec::len).sum::<usize>();
+        (self.weighted_squares_px2() / points.max(1) as f64).sqrt()
+    }
+
     /// Points that count less than fully.
     pub fn outliers(&self) -> usize {
         self.weights.iter().flatten().filter(|w| **w < 1.0).count()
@@ -188,15 +197,11 @@ struct Problem<'a> {
 }
 
 impl<'a> Problem<'a> {
-    fn new(
-        observations: &'a Observations,
-        camera: FreeCamera,
-        poses: Vec<ViewPose>,
-        weights: Vec<Vec<f64>>,
-    ) -> Self {
+    fn new(observations: &'a Observations, camera: FreeCamera, poses: Vec<ViewPose>, weights: Vec<Vec<f64>>) -> Self {
         let mut problem = Self { observations, camera, poses, weights, residuals: None };
         let values = problem.params();
         problem.set_params(&values);
+        problem.camera.seek_steps(observations, &problem.poses);
         problem
     }
 
@@ -347,3 +352,6 @@ impl LeastSquaresProblem<f64, Dyn, Dyn> for Problem<'_> {
         Some(all)
     }
 }
+
+#[cfg(test)]
+mod tests;

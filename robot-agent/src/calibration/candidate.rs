@@ -1,5 +1,6 @@
 //! Camera models that a calibration can fit, with what it turns of each and where it starts.
 
+use std::f64::consts::FRAC_PI_2;
 use std::sync::Arc;
 
 use super::free_camera::FreeCamera;
@@ -28,6 +29,8 @@ pub enum Kind {
     UnifiedSphere,
     /// Scaramuzza's polynomial.
     Polynomial,
+    /// A polynomial of the angle off the axis, its even powers too.
+    RadiusPolynomial,
     /// Kannala and Brandt's fisheye.
     KannalaBrandt,
     /// Pinhole with OpenCV's distortion.
@@ -43,6 +46,10 @@ const PINHOLE: [&str; 5] =
     ["focal_length_px[0]=focal_length_px[1]", "centre_px[0]", "centre_px[1]", "distortion[0]", "distortion[1]"];
 
 impl Kind {
+    /// All that a camera of unknown kind may be; a pinhole only where it is said to be one.
+    pub const PANORAMIC: [Self; 4] =
+        [Self::UnifiedSphere, Self::RadiusPolynomial, Self::Polynomial, Self::KannalaBrandt];
+
     /// The variants of this model, simplest first, for pictures of a size; the centre starts in their middle, or where
     /// it is given.
     ///
@@ -73,7 +80,8 @@ impl Kind {
                 let camera: Arc<dyn Camera> = Arc::new(UnifiedSphere::new(parameters, image_size_px)?);
                 let radial = ["distortion[0]", "distortion[1]"];
                 let tangential = ["distortion[0]", "distortion[1]", "distortion[2]", "distortion[3]"];
-                let each_axis = ["xi", "focal_length_px[0]", "focal_length_px[1]", "centre_px[0]", "centre_px[1]", "skew"];
+                let each_axis =
+                    ["xi", "focal_length_px[0]", "focal_length_px[1]", "centre_px[0]", "centre_px[1]", "skew"];
                 vec![
                     variant("unified sphere", &camera, &SPHERE, &[]),
                     variant("unified sphere, radial", &camera, &SPHERE, &radial),
@@ -90,9 +98,34 @@ impl Kind {
                     affine: [1.0, 0.0, 0.0],
                 };
                 let camera: Arc<dyn Camera> = Arc::new(Polynomial::new(parameters, image_size_px)?);
+                // A turn of the picture in itself is a turn of every pose: of the three affine numbers two can be known.
                 vec![
                     variant("polynomial", &camera, &POLYNOMIAL, &[]),
-                    variant("polynomial, affine", &camera, &POLYNOMIAL, &["affine[0]", "affine[1]", "affine[2]"]),
+                    variant("polynomial, affine", &camera, &POLYNOMIAL, &["affine[0]", "affine[1]"]),
+                ]
+            }
+            Self::RadiusPolynomial => {
+                // ρ(θ) with θ from −90° at the axis: an equidistant lens to start with.
+                let focal = reach / EDGE_RAD;
+                let parameters = PolynomialParameters {
+                    forward: Vec::new(),
+                    inverse: vec![focal * FRAC_PI_2, focal, 0.0, 0.0, 0.0],
+                    centre_px,
+                    affine: [1.0, 0.0, 0.0],
+                };
+                let camera: Arc<dyn Camera> = Arc::new(Polynomial::new(parameters, image_size_px)?);
+                let base = [
+                    "inverse[0]",
+                    "inverse[1]",
+                    "inverse[2]",
+                    "inverse[3]",
+                    "inverse[4]",
+                    "centre_px[0]",
+                    "centre_px[1]",
+                ];
+                vec![
+                    variant("polynomial of the angle", &camera, &base, &[]),
+                    variant("polynomial of the angle, affine", &camera, &base, &["affine[0]", "affine[1]"]),
                 ]
             }
             Self::KannalaBrandt => {
@@ -106,11 +139,13 @@ impl Kind {
                 vec![variant("fisheye, Kannala-Brandt", &camera, &FISHEYE, &[])]
             }
             Self::Pinhole => {
-                let parameters =
-                    PinholeParameters { focal_length_px: [w.max(h); 2], centre_px, distortion: [0.0; 5] };
+                let parameters = PinholeParameters { focal_length_px: [w.max(h); 2], centre_px, distortion: [0.0; 5] };
                 let camera: Arc<dyn Camera> = Arc::new(Pinhole::new(parameters, image_size_px)?);
                 let more = ["distortion[2]", "distortion[3]", "distortion[4]"];
-                vec![variant("pinhole", &camera, &PINHOLE, &[]), variant("pinhole, all terms", &camera, &PINHOLE, &more)]
+                vec![
+                    variant("pinhole", &camera, &PINHOLE, &[]),
+                    variant("pinhole, all terms", &camera, &PINHOLE, &more),
+                ]
             }
         })
     }
@@ -119,12 +154,17 @@ impl Kind {
 /// What of a camera of known design a calibration turns: for the report's lens the minimal parametrisation of focal length,
 /// refraction and, for points nearer than about a metre, the size (`MATHS.md` §3.8); for the others everything that
 /// is no choice of units.
-pub fn of_design(camera: &Arc<dyn Camera>) -> Vec<Candidate> {
+///
+/// # Errors
+/// Never for a camera that was made from its own numbers.
+pub fn of_design(camera: &dyn Camera) -> Result<Vec<Candidate>, ParameterError> {
+    let values: Vec<f64> = camera.parameters().iter().map(|p| p.value).collect();
+    let camera = camera.with_values(&values)?;
     let candidate = |name: &str, free: &[&str]| Candidate {
         name: format!("{}{name}", camera.model()),
         start: FreeCamera::new(camera.clone(), free),
     };
-    match camera.model() {
+    Ok(match camera.model() {
         "pal" => {
             let base = ["focal_length_px", "refraction_eccentricity", "centre_px[0]", "centre_px[1]"];
             let [f, e, u, v] = base;
@@ -142,13 +182,25 @@ pub fn of_design(camera: &Arc<dyn Camera>) -> Vec<Candidate> {
                 names.iter().filter(|n| wanted.iter().any(|w| n.starts_with(w))).cloned().collect()
             };
             let picture = of(&["focal_length", "scale", "centre_px", "xi", "forward", "k["]);
-            let all = of(&["focal_length", "scale", "centre_px", "xi", "forward", "k[", "aspect", "distortion", "affine", "skew"]);
+            let all = of(&[
+                "focal_length",
+                "scale",
+                "centre_px",
+                "xi",
+                "forward",
+                "k[",
+                "aspect",
+                "distortion",
+                "affine",
+                "skew",
+            ]);
             let plain: Vec<&str> = picture.iter().map(String::as_str).collect();
             let full: Vec<&str> = all.iter().map(String::as_str).collect();
             if plain == full {
-                return vec![candidate("", &plain)];
+                vec![candidate("", &plain)]
+            } else {
+                vec![candidate("", &plain), candidate(", all terms", &full)]
             }
-            vec![candidate("", &plain), candidate(", all terms", &full)]
         }
-    }
+    })
 }

@@ -40,7 +40,9 @@ pub struct Centre {
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum CentreError {
     /// Not enough lines.
-    #[error("{lines} lines of at least 3 points: the centre needs 3 or more (are there long vertical edges in the picture?)")]
+    #[error(
+        "{lines} lines of at least 3 points: the centre needs 3 or more (are there long vertical edges in the picture?)"
+    )]
     TooFewLines {
         /// Usable ones.
         lines: usize,
@@ -136,7 +138,8 @@ impl Line {
 }
 
 fn normal_matrix(parts: &[Line], weights: &[f64]) -> Result<Matrix2<f64>, CentreError> {
-    let normal: Matrix2<f64> = parts.iter().zip(weights).map(|(p, w)| p.normal * p.normal.transpose() * (p.h * w)).sum();
+    let normal: Matrix2<f64> =
+        parts.iter().zip(weights).map(|(p, w)| p.normal * p.normal.transpose() * (p.h * w)).sum();
     let values = normal.symmetric_eigenvalues();
     if values.min() * MAX_CONDITION <= values.max() {
         return Err(CentreError::Parallel);

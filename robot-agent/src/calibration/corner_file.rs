@@ -230,7 +230,10 @@ mod tests {
     #[test]
     fn a_view_of_another_board_is_named_with_both_counts() {
         let text = reason(&file(r#"{"cols":4,"rows":2,"square_m":0.03}"#, GRID));
-        assert!(text.contains("corners.json") && text.contains("a.png") && text.contains('6') && text.contains('8'), "{text}");
+        assert!(
+            text.contains("corners.json") && text.contains("a.png") && text.contains('6') && text.contains('8'),
+            "{text}"
+        );
     }
 
     #[test]

@@ -28,6 +28,8 @@ pub struct FreeCamera {
     unknowns: Vec<Unknown>,
     /// Whether the values make a camera; if not, `camera` is the last that did.
     sound: bool,
+    /// Changes of the unknowns for derivatives by differences, once they were sought.
+    steps: Option<Vec<f64>>,
 }
 
 impl FreeCamera {
@@ -44,7 +46,7 @@ impl FreeCamera {
                 Some(Unknown { name, indices })
             })
             .collect();
-        Self { values: parameters.iter().map(|p| p.value).collect(), camera, unknowns, sound: true }
+        Self { values: parameters.iter().map(|p| p.value).collect(), camera, unknowns, sound: true, steps: None }
     }
 
     /// The camera.
@@ -74,7 +76,7 @@ impl FreeCamera {
 
     /// These unknowns of another camera of the same model.
     pub(super) fn with_numbers_of(&self, other: &Self) -> Self {
-        Self { unknowns: self.unknowns.clone(), ..other.clone() }
+        Self { unknowns: self.unknowns.clone(), steps: None, ..other.clone() }
     }
 
     /// Turns the unknowns.
@@ -116,20 +118,26 @@ impl FreeCamera {
         Some(scaled)
     }
 
+    /// Derivatives of a point's image by the unknowns, 2 × unknowns. `None` where it has no image or an unknown moves nothing.
+    pub(super) fn point_jacobian(&self, point_m: &Vector3<f64>) -> Option<DMatrix<f64>> {
+        let steps = self.steps.clone().or_else(|| self.differences(&[*point_m]))?;
+        let mut jacobian = DMatrix::zeros(2, self.unknowns.len());
+        for (unknown, step) in steps.into_iter().enumerate() {
+            let image = |by: f64| self.moved(unknown, by)?.image_of_point(point_m);
+            jacobian.set_column(unknown, &((image(step)? - image(-step)?) / (2.0 * step)));
+        }
+        Some(jacobian)
+    }
+
     /// Derivatives of all projections by the unknowns at these poses: 2·points × unknowns, view by view, as differences
     /// on both sides.
     pub(super) fn jacobians(&self, observations: &Observations, poses: &[ViewPose]) -> Vec<DMatrix<f64>> {
-        let points: Vec<Vec<Vector3<f64>>> = observations
-            .views
-            .iter()
-            .zip(poses)
-            .map(|(view, pose)| view.points.iter().map(|(object, _)| pose.in_camera(object)).collect())
-            .collect();
+        let points = in_camera(observations, poses);
         let mut jacobians: Vec<DMatrix<f64>> =
             points.iter().map(|p| DMatrix::zeros(2 * p.len(), self.unknowns.len())).collect();
-        let sample: Vec<Vector3<f64>> = points.iter().flat_map(|p| p.iter().step_by(7)).copied().collect();
-        for unknown in 0..self.unknowns.len() {
-            let Some(step) = self.difference(unknown, &sample) else { continue };
+        let sample = thinned(&points);
+        let Some(steps) = self.steps.clone().or_else(|| self.differences(&sample)) else { return jacobians };
+        for (unknown, step) in steps.into_iter().enumerate() {
             let (Some(up), Some(down)) = (self.moved(unknown, step), self.moved(unknown, -step)) else { continue };
             for (points, jacobian) in points.iter().zip(&mut jacobians) {
                 for (i, point) in points.iter().enumerate() {
@@ -142,6 +150,16 @@ impl FreeCamera {
             }
         }
         jacobians
+    }
+
+    /// Seeks the changes for derivatives by differences once, for points as they lie now.
+    pub(super) fn seek_steps(&mut self, observations: &Observations, poses: &[ViewPose]) {
+        self.steps = self.differences(&thinned(&in_camera(observations, poses)));
+    }
+
+    /// For each unknown a change that moves the sample by about [`DIFFERENCE_PX`]; `None` where one moves nothing.
+    pub(super) fn differences(&self, sample: &[Vector3<f64>]) -> Option<Vec<f64>> {
+        (0..self.unknowns.len()).map(|unknown| self.difference(unknown, sample)).collect()
     }
 
     /// A change of the unknown that moves the sample by about [`DIFFERENCE_PX`]: units and scales of the numbers differ by
@@ -164,10 +182,21 @@ impl FreeCamera {
     }
 }
 
+/// All points in the camera's frame, view by view.
+fn in_camera(observations: &Observations, poses: &[ViewPose]) -> Vec<Vec<Vector3<f64>>> {
+    let views = observations.views.iter().zip(poses);
+    views.map(|(view, pose)| view.points.iter().map(|(object, _)| pose.in_camera(object)).collect()).collect()
+}
+
+/// Enough points to see how far pixels move.
+fn thinned(points: &[Vec<Vector3<f64>>]) -> Vec<Vector3<f64>> {
+    points.iter().flat_map(|p| p.iter().step_by(7)).copied().collect()
+}
+
 /// How a number follows when the picture's scale changes: focal lengths with it, a polynomial's coefficient of the power n
 /// of the radius with its power 1 − n.
 fn scale_of(name: &str, factor: f64) -> f64 {
-    if name.starts_with("focal_length") {
+    if name.starts_with("focal_length") || name.starts_with("inverse") {
         return factor;
     }
     let power = name.strip_prefix("forward[").and_then(|n| n.strip_suffix(']')).and_then(|n| n.parse::<i32>().ok());

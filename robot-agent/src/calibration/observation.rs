@@ -40,7 +40,9 @@ pub enum ObservationError {
         points: usize,
     },
     /// A view whose points lie on one line.
-    #[error("view {view:?}: its {what} lie on one line; they say nothing about the board's pose (wrong board size or order?)")]
+    #[error(
+        "view {view:?}: its {what} lie on one line; they say nothing about the board's pose (wrong board size or order?)"
+    )]
     Collinear {
         /// Its name.
         view: String,
@@ -128,7 +130,13 @@ impl View {
             }
             let twin = self.points[..index].iter().position(|(_, other)| (other - pixel).norm() < 1e-6);
             if let Some(first) = twin {
-                return Err(ObservationError::Coincident { view: view(), first, second: index, u: pixel.x, v: pixel.y });
+                return Err(ObservationError::Coincident {
+                    view: view(),
+                    first,
+                    second: index,
+                    u: pixel.x,
+                    v: pixel.y,
+                });
             }
         }
         let objects: Vec<Vector3<f64>> = self.points.iter().map(|(object, _)| *object).collect();

@@ -51,7 +51,9 @@ pub enum RadialError {
         needed: usize,
     },
     /// Edges out of order.
-    #[error("edge {index} at {radius_px:.2} px: radii must be positive and go one way, from bar to bar (was an edge missed?)")]
+    #[error(
+        "edge {index} at {radius_px:.2} px: radii must be positive and go one way, from bar to bar (was an edge missed?)"
+    )]
     Sequence {
         /// Index from 0.
         index: usize,
@@ -93,7 +95,8 @@ fn fit(edges_px: &[f64], order: usize, by_slope: bool) -> Result<RadialPolynomia
     }
     let outwards = edges_px[1] > edges_px[0];
     for (index, radius_px) in edges_px.iter().enumerate() {
-        let in_order = index == 0 || ((*radius_px > edges_px[index - 1]) == outwards && *radius_px != edges_px[index - 1]);
+        let in_order =
+            index == 0 || ((*radius_px > edges_px[index - 1]) == outwards && *radius_px != edges_px[index - 1]);
         if !(*radius_px > 0.0 && radius_px.is_finite() && in_order) {
             return Err(RadialError::Sequence { index, radius_px: *radius_px });
         }
@@ -227,7 +230,10 @@ mod tests {
 
     #[test]
     fn missed_and_repeated_edges_are_refused() {
-        assert!(matches!(from_equal_bars(&[10.0, 12.0, 11.0, 15.0, 18.0], 2), Err(RadialError::Sequence { index: 2, .. })));
+        assert!(matches!(
+            from_equal_bars(&[10.0, 12.0, 11.0, 15.0, 18.0], 2),
+            Err(RadialError::Sequence { index: 2, .. })
+        ));
         assert!(matches!(from_equal_bars(&[10.0, 12.0], 2), Err(RadialError::TooFewEdges { needed: 4, .. })));
         assert!(matches!(from_equal_bars(&golden_edges(), 9), Err(RadialError::Order { order: 9 })));
     }

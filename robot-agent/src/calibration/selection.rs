@@ -63,8 +63,10 @@ pub fn select(observations: &Observations, candidates: &[Candidate]) -> Result<S
         // A richer variant of a model starts where the simpler one ended.
         let simpler = judged.iter().rev().map(|j| &j.fit).find(|fit| fit.camera.is_same_model(&candidate.start));
         let fitted = match simpler {
-            Some(fit) => Fit::from_poses(observations, &candidate.start.with_numbers_of(&fit.camera), fit.poses.clone())
-                .or_else(|_| Fit::search(observations, &candidate.start)),
+            Some(fit) => {
+                Fit::from_poses(observations, &candidate.start.with_numbers_of(&fit.camera), fit.poses.clone())
+                    .or_else(|_| Fit::search(observations, &candidate.start))
+            }
             None => Fit::search(observations, &candidate.start),
         };
         match fitted {
@@ -89,8 +91,7 @@ fn judge(observations: &Observations, candidate: &Candidate, fit: Fit) -> Judged
         (sum / points.iter().sum::<f64>()).sqrt()
     });
     let n = 2.0 * observations.points() as f64;
-    let information_criterion =
-        n * (fit.weighted_squares_px2() / n).ln() + fit.camera.unknowns().len() as f64 * n.ln();
+    let information_criterion = n * (fit.weighted_squares_px2() / n).ln() + fit.camera.unknowns().len() as f64 * n.ln();
     Judged { name: candidate.name.clone(), fit, unseen_rms_px, unseen_squares_px2, information_criterion }
 }
 

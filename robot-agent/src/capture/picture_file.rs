@@ -19,7 +19,7 @@ pub struct GrayPicture {
 const ENDINGS: [&str; 5] = ["png", "jpg", "jpeg", "bmp", "pgm"];
 
 /// Whether the name says that this is a picture.
-pub(super) fn is_picture(path: &Path) -> bool {
+pub fn is_picture(path: &Path) -> bool {
     let ending = path.extension().and_then(|e| e.to_str()).unwrap_or("");
     ENDINGS.iter().any(|e| e.eq_ignore_ascii_case(ending))
 }

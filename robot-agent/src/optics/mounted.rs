@@ -187,7 +187,7 @@ impl MountedCamera {
     }
 
     /// Mirror reversal negates the image's azimuth: y in the camera's frame.
-    fn reversed(&self, v: Vector3<f64>) -> Vector3<f64> {
+    pub(crate) fn reversed(&self, v: Vector3<f64>) -> Vector3<f64> {
         if self.mounting.mirrored { Vector3::new(v.x, -v.y, v.z) } else { v }
     }
 }

@@ -124,9 +124,8 @@ impl Fit {
         self.weak_directions()
             .iter()
             .map(|weak| {
-                let mut parts: Vec<(f64, usize)> = (0..names.len())
-                    .map(|i| ((weak.change[i] * information[(i, i)].sqrt()).abs(), i))
-                    .collect();
+                let mut parts: Vec<(f64, usize)> =
+                    (0..names.len()).map(|i| ((weak.change[i] * information[(i, i)].sqrt()).abs(), i)).collect();
                 parts.sort_by(|a, b| b.0.total_cmp(&a.0));
                 let largest = parts.first().map_or(0.0, |p| p.0);
                 let together: Vec<String> = parts

@@ -62,7 +62,7 @@ impl ViewPose {
 /// The best pose near a start, for this camera. Weights are in [0, 1].
 pub(crate) fn fit_pose(camera: &FreeCamera, view: &View, weights: &[f64], start: &ViewPose) -> ViewPose {
     let problem = PoseProblem { camera, view, weights, base: start.clone(), by: SVector::zeros() };
-    let solver = LevenbergMarquardt::new().with_ftol(1e-13).with_xtol(1e-11).with_gtol(1e-13).with_patience(8);
+    let solver = LevenbergMarquardt::new().with_ftol(1e-12).with_xtol(1e-10).with_gtol(1e-12).with_patience(8);
     let (solved, _) = solver.minimize(problem);
     solved.base.moved(&solved.by)
 }

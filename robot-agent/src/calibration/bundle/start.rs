@@ -4,9 +4,7 @@
 //! space d ∝ P·(X, Y, Z, 1); H or P is the least singular vector of d × (…) = 0, and its columns are rotation and
 //! translation. So any camera gives poses directly, and the camera whose poses leave the least residuals is the start.
 
-use nalgebra::{
-    DMatrix, Isometry3, Matrix3, Rotation3, SymmetricEigen, Translation3, UnitQuaternion, Vector3,
-};
+use nalgebra::{DMatrix, Isometry3, Matrix3, Rotation3, SymmetricEigen, Translation3, UnitQuaternion, Vector3};
 
 use super::pose::{ViewPose, fit_pose};
 use crate::calibration::free_camera::FreeCamera;
@@ -128,9 +126,10 @@ pub(crate) fn pose_from_rays(camera: &FreeCamera, view: &View) -> Option<ViewPos
     let rotation = nearest_rotation(&(matrix / scale))?;
     let translation = t / scale * size - rotation * centre;
     let rotation = UnitQuaternion::from_rotation_matrix(&rotation);
-    translation.iter().all(|x| x.is_finite()).then(|| ViewPose {
-        camera_from_object: Isometry3::from_parts(Translation3::from(translation), rotation),
-    })
+    translation
+        .iter()
+        .all(|x| x.is_finite())
+        .then(|| ViewPose { camera_from_object: Isometry3::from_parts(Translation3::from(translation), rotation) })
 }
 
 fn nearest_rotation(matrix: &Matrix3<f64>) -> Option<Rotation3<f64>> {

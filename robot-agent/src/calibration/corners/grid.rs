@@ -45,11 +45,7 @@ struct Corner {
 type Grid = BTreeMap<Cell, Corner>;
 
 /// The complete board of this size among the saddles, row by row.
-pub(super) fn find(
-    surface: &Surface,
-    saddles: &[Saddle],
-    size: BoardSize,
-) -> Result<Vec<Vector2<f64>>, BoardNotFound> {
+pub(super) fn find(surface: &Surface, saddles: &[Saddle], size: BoardSize) -> Result<Vec<Vector2<f64>>, BoardNotFound> {
     let saddles = &saddles[..saddles.len().min(MAX_SADDLES)];
     let neighbours = mutual_neighbours(surface, saddles);
     let mut largest: Option<Grid> = None;
@@ -86,7 +82,8 @@ fn nearest_slot(saddle: &Saddle, kind: usize, angle: f64) -> (usize, f64) {
 
 /// For each saddle and slot the neighbour there and its slot that points back, where both choose each other.
 fn mutual_neighbours(surface: &Surface, saddles: &[Saddle]) -> Vec<[Option<(usize, usize)>; 4]> {
-    let chosen: Vec<[Option<(usize, usize)>; 4]> = saddles.iter().map(|s| choose_neighbours(surface, saddles, s)).collect();
+    let chosen: Vec<[Option<(usize, usize)>; 4]> =
+        saddles.iter().map(|s| choose_neighbours(surface, saddles, s)).collect();
     let is_mutual = |a: usize, slot: usize| {
         chosen[a][slot].filter(|(b, back)| chosen[*b][*back].is_some_and(|(other, s)| (other, s) == (a, slot)))
     };
@@ -249,7 +246,8 @@ fn windows(grid: &Grid, size: BoardSize) -> Vec<Window> {
     for i0 in i_low - cols..=i_high {
         for j0 in j_low - cols..=j_high {
             let mut add = |cell: &dyn Fn(i32, i32) -> Cell| {
-                let cells: Vec<Cell> = (0..rows).flat_map(|j| (0..cols).map(move |i| (i, j))).map(|(i, j)| cell(i, j)).collect();
+                let cells: Vec<Cell> =
+                    (0..rows).flat_map(|j| (0..cols).map(move |i| (i, j))).map(|(i, j)| cell(i, j)).collect();
                 let present = cells.iter().filter(|c| grid.contains_key(c)).count();
                 list.push(Window { cells, present });
             };

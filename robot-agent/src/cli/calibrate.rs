@@ -1,0 +1,70 @@
+//! `robot-agent calibrate`.
+
+mod centre;
+mod convert;
+mod model;
+mod mounting;
+mod radial;
+mod verify;
+
+use std::io::{self, Write};
+use std::path::Path;
+
+use clap::{Args, Subcommand};
+use serde_json::Value;
+
+use super::{Failure, Format};
+
+/// Finds out what a camera's parameters are, how well they are known, and whether the model is right.
+#[derive(Debug, Args)]
+pub(super) struct Arguments {
+    #[command(subcommand)]
+    job: Job,
+}
+
+#[derive(Debug, Subcommand)]
+enum Job {
+    Model(model::Arguments),
+    Centre(centre::Arguments),
+    Radial(radial::Arguments),
+    Verify(verify::Arguments),
+    Mounting(mounting::Arguments),
+    Import(convert::Import),
+    Export(convert::Export),
+}
+
+/// Runs the command.
+pub(super) fn execute(arguments: &Arguments) -> Result<(), Failure> {
+    match &arguments.job {
+        Job::Model(arguments) => model::execute(arguments),
+        Job::Centre(arguments) => centre::execute(arguments),
+        Job::Radial(arguments) => radial::execute(arguments),
+        Job::Verify(arguments) => verify::execute(arguments),
+        Job::Mounting(arguments) => mounting::execute(arguments),
+        Job::Import(arguments) => convert::import(arguments),
+        Job::Export(arguments) => convert::export(arguments),
+    }
+}
+
+/// Words for people or numbers for programs.
+fn print(format: Format, words: &[String], numbers: &Value) -> Result<(), Failure> {
+    let mut output = io::stdout().lock();
+    match format {
+        Format::Json => writeln!(output, "{numbers}")?,
+        Format::Text => words.iter().try_for_each(|line| writeln!(output, "{line}"))?,
+    }
+    Ok(())
+}
+
+fn save(path: &Path, text: &str) -> Result<(), Failure> {
+    std::fs::write(path, text).map_err(|e| Failure::job(format!("{}: cannot be written: {e}", path.display())))
+}
+
+/// Two numbers with a comma, as on the command line.
+fn pair(text: &str) -> Result<[f64; 2], String> {
+    let numbers: Vec<f64> = text.split(',').filter_map(|word| word.trim().parse().ok()).collect();
+    match numbers.as_slice() {
+        &[a, b] if a.is_finite() && b.is_finite() => Ok([a, b]),
+        _ => Err("must be two numbers with a comma between them, as 383.5,287.5".into()),
+    }
+}

@@ -1,0 +1,140 @@
+//! `robot-agent calibrate` as a user meets it.
+
+#![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
+
+use std::path::Path;
+use std::process::{Command, Output};
+
+use serde_json::Value;
+
+fn calibrate(folder: &Path, arguments: &[&str]) -> Output {
+    let program = env!("CARGO_BIN_EXE_robot-agent");
+    Command::new(program).arg("calibrate").args(arguments).current_dir(folder).output().unwrap()
+}
+
+#[track_caller]
+fn json(output: &Output) -> Value {
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    serde_json::from_slice(&output.stdout).unwrap()
+}
+
+#[track_caller]
+fn assert_fails(output: &Output, code: i32, parts: &[&str]) {
+    let error = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(code), "{error}");
+    for part in parts {
+        assert!(error.contains(part), "{part:?} is not in: {error}");
+    }
+}
+
+const KALIBR: &str = "cam0:\n  camera_model: omni\n  distortion_coeffs: [-0.05, 0.01, 0.002, -0.001]\n  \
+                      distortion_model: radtan\n  intrinsics: [0.94, 265.0, 265.0, 388.0, 284.0]\n  resolution: [768, 576]\n";
+
+/// Corners of eight boards in front of the camera, by the program's own projection; the fit must find that camera again.
+fn corners(folder: &Path) -> String {
+    use nalgebra::{UnitQuaternion, Vector3};
+    let camera = robot_agent::optics::MountedCamera::load(&folder.join("camera.toml")).unwrap();
+    let mut views = serde_json::Map::new();
+    for i in 0..8 {
+        let bearing = f64::from(i) * 2.4;
+        let elevation = (f64::from(i * 5 % 8) - 2.0) * 0.12;
+        let place = robot_agent::optics::direction(bearing, elevation) * 0.35;
+        let facing = UnitQuaternion::rotation_between(&Vector3::z(), &place).unwrap();
+        let rotation =
+            facing * UnitQuaternion::from_euler_angles(0.3 * bearing.sin(), 0.3 * (1.7 * bearing).cos(), bearing);
+        let points: Vec<[f64; 2]> = (0..35)
+            .map(|n| {
+                let object = Vector3::new(f64::from(n % 7) * 0.03 - 0.09, f64::from(n / 7) * 0.03 - 0.06, 0.0);
+                let pixel = camera.camera().project(&(rotation * object + place)).unwrap();
+                // Rounded to a hundredth, which is noise enough.
+                [(pixel.x * 100.0).round() / 100.0, (pixel.y * 100.0).round() / 100.0]
+            })
+            .collect();
+        views.insert(format!("{i}.png"), points.into());
+    }
+    let file = serde_json::json!({ "board": { "cols": 7, "rows": 5, "square_m": 0.03 }, "image_size": [768, 576], "corners": views });
+    file.to_string()
+}
+
+#[test]
+fn a_camera_goes_to_other_tools_and_back_and_is_calibrated_again_from_corners() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    std::fs::write(folder.join("camchain.yaml"), KALIBR).unwrap();
+    let read = json(&calibrate(folder, &["import", "camchain.yaml", "--out", "camera.toml", "--format", "json"]));
+    assert_eq!(read["model"], "unified-sphere");
+    let exported = json(&calibrate(
+        folder,
+        &["export", "--camera", "camera.toml", "--to", "opencv", "--out", "omni.yml", "--format", "json"],
+    ));
+    assert_eq!(exported["worst_px"], 0.0);
+    json(&calibrate(folder, &["import", "omni.yml", "--out", "again.toml", "--format", "json"]));
+    let text = |name: &str| std::fs::read_to_string(folder.join(name)).unwrap();
+    assert_eq!(text("camera.toml"), text("again.toml"));
+
+    std::fs::write(folder.join("corners.json"), corners(folder)).unwrap();
+    let fit = json(&calibrate(
+        folder,
+        &[
+            "model",
+            "--corners",
+            "corners.json",
+            "--model",
+            "unified-sphere",
+            "--out",
+            "fitted.toml",
+            "--report",
+            "report",
+            "--format",
+            "json",
+        ],
+    ));
+    assert_eq!(fit["variant"], "unified sphere, radial and tangential", "{fit:#}");
+    assert!(fit["rms_px"].as_f64().unwrap() < 0.01, "{fit:#}");
+    let find = |name: &str| fit["unknowns"].as_array().unwrap().iter().find(|u| u["name"] == name).unwrap().clone();
+    for (name, truth) in [("centre_px[0]", 388.0), ("centre_px[1]", 284.0)] {
+        let (value, sigma) = (find(name)["value"].as_f64().unwrap(), find(name)["sigma"].as_f64().unwrap());
+        assert!((value - truth).abs() < 4.0 * sigma && sigma < 0.1, "{name}: {value} ± {sigma}");
+    }
+    let page = text("report/index.html");
+    assert_eq!(page.matches("<svg").count(), 6);
+    assert!(page.contains("misaligned"), "the verdict must say so");
+    assert!(robot_agent::optics::MountedCamera::load(&folder.join("fitted.toml")).is_ok());
+
+    let verified = json(&calibrate(
+        folder,
+        &["verify", "--camera", "fitted.toml", "--corners", "corners.json", "--sigma-px", "0.01", "--format", "json"],
+    ));
+    assert!(
+        verified["views"].as_array().unwrap().iter().all(|v| v["p_value"].as_f64().unwrap() > 1e-4),
+        "{verified:#}"
+    );
+}
+
+#[test]
+fn wrong_input_is_named_with_what_would_be_right() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    std::fs::write(
+        folder.join("c.json"),
+        r#"{"board":{"cols":3,"rows":2,"square_m":0.03},"image_size":[64,48],"corners":{"a":[[1,1]]}}"#,
+    )
+    .unwrap();
+    assert_fails(&calibrate(folder, &["model", "--corners", "c.json"]), 2, &["c.json", "\"a\"", "3x2"]);
+    assert_fails(&calibrate(folder, &["model", "--corners", "none.json"]), 2, &["none.json"]);
+    assert_fails(
+        &calibrate(folder, &["model", "--pictures", ".", "--board", "7by5", "--square-mm", "3"]),
+        2,
+        &["11x7"],
+    );
+    assert_fails(&calibrate(folder, &["import", "c.json", "--out", "x.toml"]), 2, &["c.json", "OCamCalib"]);
+    assert_fails(&calibrate(folder, &["radial", "--edges-px", "10,12,11,15,20", "--order", "2"]), 2, &["edge 2"]);
+    let wall = image::GrayImage::from_pixel(64, 48, image::Luma([120]));
+    wall.save(folder.join("wall.png")).unwrap();
+    assert_fails(&calibrate(folder, &["centre", "wall.png"]), 1, &["lines", "rim"]);
+    assert_fails(
+        &calibrate(folder, &["model", "--pictures", ".", "--board", "7x5", "--square-mm", "30"]),
+        1,
+        &["no board", "wall.png"],
+    );
+}
