@@ -37,7 +37,7 @@ fn corners(folder: &Path) -> String {
     let mut views = serde_json::Map::new();
     for i in 0..8 {
         let bearing = f64::from(i) * 2.4;
-        let elevation = (f64::from(i * 5 % 8) - 2.0) * 0.12;
+        let elevation = 0.35 + f64::from(i * 5 % 8) * 0.08;
         let place = robot_agent::optics::direction(bearing, elevation) * 0.35;
         let facing = UnitQuaternion::rotation_between(&Vector3::z(), &place).unwrap();
         let rotation =

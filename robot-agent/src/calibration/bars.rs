@@ -1,8 +1,7 @@
 //! Edges of bars along a meridian of the picture, as radii.
 //!
 //! The derivative of the gray value outwards is averaged over a few parallel lines beside the meridian; each extremum that
-//! stands out, alternating between dark to bright and bright to dark, is an edge, placed by the parabola through its three
-//! highest samples.
+//! stands out, alternating between dark to bright and bright to dark, is an edge, placed at the slope's centre of gravity.
 //!
 //! Source: report 4.2.
 
@@ -13,6 +12,8 @@ use crate::capture::GrayPicture;
 
 /// Samples along the meridian, px apart.
 const STEP_PX: f64 = 0.25;
+/// Samples on either side of a peak that belong to its edge.
+const HALF_PEAK: usize = 8;
 /// Half width of the strip that is averaged, px.
 const STRIP_PX: i32 = 3;
 /// Weaker edges than this share of the strong ones are texture.
@@ -50,14 +51,14 @@ pub fn edges(
     [from_px, to_px]: [f64; 2],
 ) -> Result<Vec<f64>, BarsError> {
     let gradients = Gradients::new(picture);
-    let (out, across) =
-        (Vector2::new(angle_rad.cos(), angle_rad.sin()), Vector2::new(-angle_rad.sin(), angle_rad.cos()));
+    // Beside the meridian along the circle: a straight strip would smear and shift the edges.
     let slope = |radius: f64| -> Option<f64> {
-        let lines = (-STRIP_PX..=STRIP_PX).map(|k| {
-            let at = centre_px + out * radius + across * f64::from(k);
-            gradients.between(&at).map(|g| g.map(f64::from).dot(&out))
+        let samples = (-STRIP_PX..=STRIP_PX).map(|k| {
+            let angle = angle_rad + f64::from(k) / radius;
+            let out = Vector2::new(angle.cos(), angle.sin());
+            gradients.between(&(centre_px + out * radius)).map(|g| g.map(f64::from).dot(&out))
         });
-        lines.sum::<Option<f64>>().map(|sum| sum / f64::from(2 * STRIP_PX + 1))
+        samples.sum::<Option<f64>>().map(|sum| sum / f64::from(2 * STRIP_PX + 1))
     };
     let wrong = BarsError::Radii { from_px, to_px };
     if !(from_px > 0.0 && to_px > from_px + 4.0 && to_px < 1e5) {
@@ -71,9 +72,11 @@ pub fn edges(
         let (before, here, after) = (profile[i - 1], profile[i], profile[i + 1]);
         let is_peak = here.abs() >= before.abs() && here.abs() > after.abs() && here.abs() > MIN_STRENGTH;
         if is_peak {
-            let bend = before - 2.0 * here + after;
-            let offset = if bend == 0.0 { 0.0 } else { (0.5 * (before - after) / bend).clamp(-1.0, 1.0) };
-            peaks.push((radius(i) + STEP_PX * offset, here));
+            // The centre of gravity of the slope: interpolation between pixels does not shift it, as it does the peak.
+            let near = i.saturating_sub(HALF_PEAK)..=(i + HALF_PEAK).min(count);
+            let same = near.filter(|k| profile[*k].signum() == here.signum());
+            let (sum, moment) = same.fold((0.0, 0.0), |(s, m), k| (s + profile[k], m + profile[k] * radius(k)));
+            peaks.push((moment / sum, here));
         }
     }
     let mut strengths: Vec<f64> = peaks.iter().map(|p| p.1.abs()).collect();
@@ -128,7 +131,6 @@ mod tests {
             let found = edges(&picture, Vector2::new(160.2, 119.6), angle, [30.0, 100.0]).unwrap();
             assert_eq!(found.len(), radii.len(), "{found:?}");
             for (a, b) in found.iter().zip(radii) {
-                // The strip is straight and the rings are not: 3 px beside a radius of 40 is 0.04 px on average.
                 assert!((a - b).abs() < 0.1, "{a} {b}");
             }
         }

@@ -115,7 +115,11 @@ pub fn single_viewpoint(camera: &dyn Camera, view: &View, sigma_px: f64) -> Resu
     let plane = Plane::of(view);
     let no_fit = || VerifyError::NoFit { view: name() };
     let (squares, homography) = plane.homography(camera, &rays, &pixels).ok_or_else(no_fit)?;
-    let (rigid_squares, pose) = plane.rigid(camera, &homography, &pixels).ok_or_else(no_fit)?;
+    let far = |ray: &Vector3<f64>| camera.image_of_direction(ray);
+    let (rigid_squares, _) = plane.rigid(far, &homography, &pixels).ok_or_else(no_fit)?;
+    // Where the board truly is, as far as the camera's own model knows about its viewpoint.
+    let near = |point: &Vector3<f64>| camera.image_of_point(point);
+    let (_, pose) = plane.rigid(near, &homography, &pixels).ok_or_else(no_fit)?;
     let variance = sigma_px * sigma_px;
     let dof = 2 * pixels.len() - 8;
     let (statistic, rigid) = (squares / variance, rigid_squares / variance);
@@ -235,13 +239,18 @@ impl Plane {
         };
         let found = minimise(DVector::from_iterator(8, free.iter().map(|i| start[*i])), &[1e-6; 8], |x| {
             let h = assemble(x);
-            residuals(camera, self.points.iter().map(|p| h * p), pixels)
+            residuals(|ray| camera.image_of_direction(ray), self.points.iter().map(|p| h * p), pixels)
         })?;
         Some((found.residuals.norm_squared(), assemble(&found.x)))
     }
 
-    /// The same for a rigid board, from the homography.
-    fn rigid(&self, camera: &dyn Camera, homography: &Matrix3<f64>, pixels: &[Vector2<f64>]) -> Option<(f64, Pose)> {
+    /// The same for a rigid board, from the homography; `image` gives where a point (metres) appears.
+    fn rigid(
+        &self,
+        image: impl Fn(&Vector3<f64>) -> Option<Vector2<f64>>,
+        homography: &Matrix3<f64>,
+        pixels: &[Vector2<f64>],
+    ) -> Option<(f64, Pose)> {
         let (a, b, t) = (homography.column(0), homography.column(1), homography.column(2));
         let scale = 0.5 * (a.norm() + b.norm());
         let svd = Matrix3::from_columns(&[a / scale, b / scale, a.cross(&b) / (scale * scale)]).svd(true, true);
@@ -253,7 +262,8 @@ impl Plane {
         };
         let found = minimise(DVector::zeros(6), &[1e-6; 6], |x| {
             let Pose { rotation, translation } = pose(x);
-            residuals(camera, self.points.iter().map(|p| rotation * p.xy().push(0.0) + translation), pixels)
+            let points = self.points.iter().map(|p| (rotation * p.xy().push(0.0) + translation) * self.size);
+            residuals(&image, points, pixels)
         })?;
         let Pose { rotation, translation } = pose(&found.x);
         Some((found.residuals.norm_squared(), Pose { rotation, translation: translation * self.size }))
@@ -265,6 +275,7 @@ impl Plane {
         let images = self.points.iter().map(|p| {
             let point = pose.rotation * (p.xy().push(0.0) * self.size) + pose.translation;
             // Where the ray starts on the axis depends on its elevation: a fixed point, three rounds suffice.
+            let point = point - camera.viewpoint_m();
             let mut direction = point;
             for _ in 0..3 {
                 direction = point - Vector3::z() * locus.height_m(crate::optics::elevation_rad(&direction));
@@ -280,7 +291,7 @@ impl Plane {
 
 /// Where the rays of the report's lens meet its axis, by elevation; beyond its field of view as at its ends.
 struct ReferenceLocus {
-    /// (elevation in radians, height on the axis in metres), by falling elevation.
+    /// (elevation in radians, height on the axis in metres from the best single viewpoint), by falling elevation.
     points: Vec<(f64, f64)>,
 }
 
@@ -292,7 +303,8 @@ impl ReferenceLocus {
         let points = (0..=64).filter_map(|i| {
             let radius = inner + (outer - inner) * f64::from(i) / 64.0;
             let ray = lens.ray_of_image(&Vector2::new(u0 + radius, v0))?;
-            let height = ray.origin_m.z - ray.origin_m.x * ray.direction.z / ray.direction.x;
+            let crossing = ray.origin_m.z - ray.origin_m.x * ray.direction.z / ray.direction.x;
+            let height = crossing - lens.viewpoint_m().z;
             Some((crate::optics::elevation_rad(&ray.direction), height))
         });
         Self { points: points.collect() }
@@ -307,13 +319,13 @@ impl ReferenceLocus {
 }
 
 fn residuals(
-    camera: &dyn Camera,
-    directions: impl Iterator<Item = Vector3<f64>>,
+    image: impl Fn(&Vector3<f64>) -> Option<Vector2<f64>>,
+    points: impl Iterator<Item = Vector3<f64>>,
     pixels: &[Vector2<f64>],
 ) -> Option<DVector<f64>> {
     let mut all = Vec::with_capacity(2 * pixels.len());
-    for (direction, pixel) in directions.zip(pixels) {
-        let offset = camera.image_of_direction(&direction)? - pixel;
+    for (point, pixel) in points.zip(pixels) {
+        let offset = image(&point)? - pixel;
         all.extend([offset.x, offset.y]);
     }
     Some(DVector::from_vec(all))
