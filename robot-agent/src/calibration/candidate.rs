@@ -6,8 +6,8 @@ use std::sync::Arc;
 use super::free_camera::FreeCamera;
 use crate::optics::fisheye::{FisheyeLaw, FisheyeParameters};
 use crate::optics::{
-    Camera, Fisheye, ParameterError, Pinhole, PinholeParameters, Polynomial, PolynomialParameters, UnifiedSphere,
-    UnifiedSphereParameters,
+    Camera, Fisheye, Misaligned, Misalignment, ParameterError, Pinhole, PinholeParameters, Polynomial,
+    PolynomialParameters, UnifiedSphere, UnifiedSphereParameters,
 };
 
 /// The angle off the axis that the picture's nearer edge is first taken to see, radians.
@@ -44,6 +44,13 @@ const FISHEYE: [&str; 7] =
 const POLYNOMIAL: [&str; 6] = ["forward[0]", "forward[2]", "forward[3]", "forward[4]", "centre_px[0]", "centre_px[1]"];
 const PINHOLE: [&str; 5] =
     ["focal_length_px[0]=focal_length_px[1]", "centre_px[0]", "centre_px[1]", "distortion[0]", "distortion[1]"];
+
+/// Sets a camera askew to its optics; the amount is turned by the fit.
+const MISALIGNMENT: [&str; 2] = ["misalignment.tangential[0]", "misalignment.tangential[1]"];
+
+fn misaligned(camera: &Arc<dyn Camera>) -> Result<Arc<dyn Camera>, ParameterError> {
+    Ok(Arc::new(Misaligned::new(camera.clone(), Misalignment::Tangential([0.0; 2]))?))
+}
 
 impl Kind {
     /// All that a camera of unknown kind may be; a pinhole only where it is said to be one.
@@ -126,6 +133,7 @@ impl Kind {
                 vec![
                     variant("polynomial of the angle", &camera, &base, &[]),
                     variant("polynomial of the angle, affine", &camera, &base, &["affine[0]", "affine[1]"]),
+                    variant("polynomial of the angle, misaligned", &misaligned(&camera)?, &base, &MISALIGNMENT),
                 ]
             }
             Self::KannalaBrandt => {
@@ -136,7 +144,10 @@ impl Kind {
                     k: [0.0; 4],
                 };
                 let camera: Arc<dyn Camera> = Arc::new(Fisheye::new(parameters, image_size_px)?);
-                vec![variant("fisheye, Kannala-Brandt", &camera, &FISHEYE, &[])]
+                vec![
+                    variant("fisheye, Kannala-Brandt", &camera, &FISHEYE, &[]),
+                    variant("fisheye, Kannala-Brandt, misaligned", &misaligned(&camera)?, &FISHEYE, &MISALIGNMENT),
+                ]
             }
             Self::Pinhole => {
                 let parameters = PinholeParameters { focal_length_px: [w.max(h); 2], centre_px, distortion: [0.0; 5] };
@@ -164,7 +175,7 @@ pub fn of_design(camera: &dyn Camera) -> Result<Vec<Candidate>, ParameterError> 
         name: format!("{}{name}", camera.model()),
         start: FreeCamera::new(camera.clone(), free),
     };
-    Ok(match camera.model() {
+    let mut candidates = match camera.model() {
         "pal" => {
             let base = ["focal_length_px", "refraction_eccentricity", "centre_px[0]", "centre_px[1]"];
             let [f, e, u, v] = base;
@@ -202,5 +213,14 @@ pub fn of_design(camera: &dyn Camera) -> Result<Vec<Candidate>, ParameterError> 
                 vec![candidate("", &plain), candidate(", all terms", &full)]
             }
         }
-    })
+    };
+    // The richest variant askew, where the camera has one pinhole.
+    if let (Ok(askew), Some(richest)) = (misaligned(&camera), candidates.last()) {
+        let mut free: Vec<String> = richest.start.unknowns().iter().map(|u| u.name.clone()).collect();
+        free.extend(MISALIGNMENT.map(String::from));
+        let free: Vec<&str> = free.iter().map(String::as_str).collect();
+        let name = format!("{}, misaligned", richest.name);
+        candidates.push(Candidate { name, start: FreeCamera::new(askew, &free) });
+    }
+    Ok(candidates)
 }

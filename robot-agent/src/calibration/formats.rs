@@ -157,7 +157,7 @@ fn in_model(
     kind: super::candidate::Kind,
     model: &str,
 ) -> Result<super::conversion::Conversion, String> {
-    if camera.model() == model {
+    if camera.model() == model && camera.misalignment().is_none() {
         let values: Vec<f64> = camera.parameters().iter().map(|p| p.value).collect();
         let same = camera.with_values(&values).map_err(|e| parameter(&e))?;
         return Ok(super::conversion::Conversion { camera: same, rms_px: 0.0, worst_px: 0.0 });

@@ -69,14 +69,17 @@ impl FreeCamera {
         self.unknowns.iter().position(|u| u.name == name)
     }
 
-    /// Whether the other has the same numbers, whichever of them it turns.
-    pub(super) fn is_same_model(&self, other: &Self) -> bool {
-        self.camera.model() == other.camera.model() && self.values.len() == other.values.len()
-    }
-
-    /// These unknowns of another camera of the same model.
-    pub(super) fn with_numbers_of(&self, other: &Self) -> Self {
-        Self { unknowns: self.unknowns.clone(), steps: None, ..other.clone() }
+    /// This camera with the numbers of another of the same model, where both have them; `None` for another model.
+    pub(super) fn with_numbers_of(&self, other: &Self) -> Option<Self> {
+        if self.camera.model() != other.camera.model() {
+            return None;
+        }
+        let known = other.camera.parameters();
+        let own = self.camera.parameters();
+        let values: Vec<f64> =
+            own.iter().map(|p| known.iter().find(|k| k.name == p.name).map_or(p.value, |k| k.value)).collect();
+        let camera = self.camera.with_values(&values).ok()?;
+        Some(Self { camera, values, unknowns: self.unknowns.clone(), sound: true, steps: None })
     }
 
     /// Turns the unknowns.

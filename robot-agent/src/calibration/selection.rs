@@ -61,11 +61,13 @@ pub fn select(observations: &Observations, candidates: &[Candidate]) -> Result<S
     let (mut judged, mut failed) = (Vec::<Judged>::new(), Vec::new());
     for candidate in candidates {
         // A richer variant of a model starts where the simpler one ended.
-        let simpler = judged.iter().rev().map(|j| &j.fit).find(|fit| fit.camera.is_same_model(&candidate.start));
+        let simpler = judged
+            .iter()
+            .rev()
+            .find_map(|j| Some((candidate.start.with_numbers_of(&j.fit.camera)?, j.fit.poses.clone())));
         let fitted = match simpler {
-            Some(fit) => {
-                Fit::from_poses(observations, &candidate.start.with_numbers_of(&fit.camera), fit.poses.clone())
-                    .or_else(|_| Fit::search(observations, &candidate.start))
+            Some((start, poses)) => {
+                Fit::from_poses(observations, &start, poses).or_else(|_| Fit::search(observations, &candidate.start))
             }
             None => Fit::search(observations, &candidate.start),
         };

@@ -116,11 +116,18 @@ impl<'a> Summary<'a> {
         Vector2::from(numbers(&self.best().fit.camera, "centre_px"))
     }
 
-    /// Whether tangential terms were needed.
+    /// Whether the camera had to be set askew to its optics.
     fn misalignment(&self) -> Option<String> {
-        let find = |name: &str| self.selection.judged.iter().find(|j| j.name == name);
-        let with = find("unified sphere, radial and tangential")?;
-        let without = find("unified sphere, radial")?;
+        // Of the models that were fitted both ways the one that fits best.
+        let unseen = |j: &&Judged| j.unseen_rms_px.unwrap_or(f64::INFINITY);
+        let pairs = self.selection.judged.iter().filter_map(|with| {
+            let aligned = match with.name.strip_suffix(", radial and tangential") {
+                Some(model) => format!("{model}, radial"),
+                None => with.name.strip_suffix(", misaligned")?.to_owned(),
+            };
+            Some((with, self.selection.judged.iter().find(|j| j.name == aligned)?))
+        });
+        let (with, without) = pairs.min_by(|a, b| unseen(&a.0).total_cmp(&unseen(&b.0)))?;
         let (a, b) = (with.unseen_rms_px?, without.unseen_rms_px?);
         if a > (1.0 - MISALIGNED) * b {
             return None;

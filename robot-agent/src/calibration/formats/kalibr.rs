@@ -102,14 +102,15 @@ pub(super) fn write(camera: &dyn Camera) -> Result<Exported, String> {
     let [fx, fy]: [f64; 2] = numbers(camera, "focal_length_px");
     let [cx, cy]: [f64; 2] = numbers(camera, "centre_px");
     let exact = |text| Ok(Exported { text, worst_px: 0.0, rms_px: 0.0 });
-    if camera.model() == "fisheye" {
+    let aligned = camera.misalignment().is_none();
+    if aligned && camera.model() == "fisheye" {
         let table = camera.table();
         let law = table.get("law").and_then(toml::Value::as_str).unwrap_or("");
         if law == "kannala-brandt" || law == "equidistant" {
             return exact(entry("pinhole", &[fx, fy, cx, cy], "equi", &numbers::<4>(camera, "k")));
         }
     }
-    if camera.model() == "pinhole" {
+    if aligned && camera.model() == "pinhole" {
         let [k1, k2, p1, p2, k3]: [f64; 5] = numbers(camera, "distortion");
         if k3 != 0.0 {
             return Err(format!("Kalibr's radtan has no k3, which is {k3}: calibrate without it"));
