@@ -69,13 +69,15 @@ impl FreeCamera {
         self.unknowns.iter().position(|u| u.name == name)
     }
 
-    /// This camera with the numbers of another of the same model, where both have them; `None` for another model.
+    /// This camera with the numbers of a fit to a simpler variant; `None` where that turned numbers that this one does not
+    /// have.
     pub(super) fn with_numbers_of(&self, other: &Self) -> Option<Self> {
-        if self.camera.model() != other.camera.model() {
-            return None;
-        }
         let known = other.camera.parameters();
         let own = self.camera.parameters();
+        let has_all = other.unknowns.iter().all(|u| own.iter().any(|p| p.name == u.name));
+        if self.camera.model() != other.camera.model() || !has_all {
+            return None;
+        }
         let values: Vec<f64> =
             own.iter().map(|p| known.iter().find(|k| k.name == p.name).map_or(p.value, |k| k.value)).collect();
         let camera = self.camera.with_values(&values).ok()?;
