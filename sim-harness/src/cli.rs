@@ -3,6 +3,7 @@
 pub mod bandwidth;
 pub mod demo;
 pub mod record;
+pub mod replay;
 pub mod run;
 pub mod seeds;
 pub mod table;

@@ -4,6 +4,7 @@ pub mod bandwidth;
 pub mod cli;
 pub mod network;
 pub mod render;
+pub mod replay;
 pub mod scenario;
 pub mod score;
 pub mod team;

@@ -3,7 +3,7 @@
 use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
-use sim_harness::cli::{bandwidth, demo, record, run, zoo};
+use sim_harness::cli::{bandwidth, demo, record, replay, run, zoo};
 
 #[derive(Debug, Parser)]
 #[command(
@@ -24,6 +24,8 @@ enum Command {
     Run(run::RunArgs),
     /// Images and truth of a scenario, as files
     Record(record::RecordArgs),
+    /// Recordings again, without rendering or waiting
+    Replay(replay::ReplayArgs),
     /// Bytes by message kind and robot: payload, on the wire, against raw and JPEG video
     Bandwidth(bandwidth::BandwidthArgs),
     /// The same room through every camera, with its panorama
@@ -43,6 +45,7 @@ fn main() -> ExitCode {
         Some(Command::Demo(args)) => demo::run(&args),
         Some(Command::Run(args)) => run::run(&args),
         Some(Command::Record(args)) => record::run(&args),
+        Some(Command::Replay(args)) => replay::run(&args),
         Some(Command::Bandwidth(args)) => bandwidth::run(&args),
         Some(Command::Zoo(args)) => zoo::run(&args),
     })

@@ -12,7 +12,7 @@ use std::path::{Path, PathBuf};
 
 use protocol::id::RobotId;
 use protocol::marker::{Look, Marker, Ring};
-use serde::Deserialize;
+use serde::{Deserialize, Serialize};
 
 pub use camera::CameraSpec;
 pub use room::{FurnitureKind, FurnitureSpec, LampSpec, RoomSpec};
@@ -51,7 +51,7 @@ pub enum ScenarioError {
 }
 
 /// A whole scenario, checked.
-#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Scenario {
     /// For reports.
@@ -79,7 +79,7 @@ pub struct Scenario {
 }
 
 /// Robots of one look.
-#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct RobotsSpec {
     /// How many, named r1, r2, …: 1 … 16.
@@ -101,7 +101,7 @@ impl Default for RobotsSpec {
 }
 
 /// A straight drive forward, then a turn on the spot, smoothly, without odometry.
-#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct DriveSpec {
     /// Which robot, e.g. "r2".
@@ -117,7 +117,7 @@ pub struct DriveSpec {
 }
 
 /// People who walk, stop, meet and part.
-#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct PeopleSpec {
     /// How many: 0 … 16.
@@ -141,7 +141,7 @@ impl Default for PeopleSpec {
 }
 
 /// When pictures are taken and what the robots' clocks say.
-#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct CaptureSpec {
     /// Frames a second: 0.1 … 100.

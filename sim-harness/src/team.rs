@@ -61,6 +61,14 @@ pub enum TeamError {
     /// A service over Zenoh failed.
     #[error("{0}")]
     Service(String),
+    /// A recording cannot be read.
+    #[error("{file}: {reason}", file = file.display())]
+    Recording {
+        /// Which, with the line where there is one.
+        file: std::path::PathBuf,
+        /// Why, and what would be right.
+        reason: String,
+    },
     /// Results cannot be written.
     #[error("{path}: {source}", path = path.display())]
     Output {
@@ -105,7 +113,7 @@ fn team_id() -> Result<TeamId, NameError> {
 }
 
 /// Name of its leader.
-fn leader_id() -> Result<LeaderId, NameError> {
+pub(crate) fn leader_id() -> Result<LeaderId, NameError> {
     LeaderId::new("leader")
 }
 

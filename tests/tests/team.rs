@@ -7,6 +7,7 @@ use nalgebra::Vector2;
 use protocol::frames::Pose2;
 use protocol::id::RobotId;
 use protocol::message::TeamMap;
+use sim_harness::replay::Recording;
 use sim_harness::scenario::Scenario;
 use sim_harness::team::{Outcome, TeamSettings, output, simulated};
 
@@ -26,6 +27,45 @@ fn the_same_seed_gives_the_same_bytes_and_another_seed_others() {
         assert!(first[name] != other[name], "{name} is the same for another seed");
     }
     assert!(first == again);
+}
+
+#[test]
+fn a_replayed_recording_gives_the_maps_and_the_score_of_the_run() {
+    let settings = TeamSettings { duration_s: Some(6.0), ..TeamSettings::default() };
+    let run = simulated::run(&tiny(), 7, &settings, &|_| {}).unwrap();
+    let folder = tempfile::tempdir().unwrap();
+    output::write_all(&run, &run.score(), folder.path()).unwrap();
+    let replayed = Recording::read(folder.path()).unwrap().replay().unwrap();
+    assert!(!run.maps.is_empty() && run.heard == replayed.heard);
+    assert_eq!(format!("{:?}", run.maps), format!("{:?}", replayed.maps));
+    let figures = |outcome: &Outcome| {
+        let scores = outcome.score().scores;
+        serde_json::to_string(&(scores.robots, scores.targets)).unwrap()
+    };
+    assert_eq!(figures(&run), figures(&replayed));
+}
+
+#[test]
+fn a_recording_that_is_none_is_refused_with_file_line_and_reason() {
+    let settings = TeamSettings { duration_s: Some(0.5), ..TeamSettings::default() };
+    let run = simulated::run(&tiny(), 7, &settings, &|_| {}).unwrap();
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("leader.jsonl");
+    sim_harness::replay::write(&run, &path).unwrap();
+    let whole = std::fs::read_to_string(&path).unwrap();
+    for (text, said) in [
+        (String::new(), "empty"),
+        ("{}".to_owned(), "line 1"),
+        (whole.replacen("\"envelope\":\"", "\"envelope\":\"x", 1), "hexadecimal"),
+        (whole.replacen("robot/r1/", "robot/R 1/", 1), "line 2"),
+        (whole[..whole.len() - 20].to_owned(), "neither a message nor"),
+    ] {
+        std::fs::write(&path, text).unwrap();
+        let error = Recording::read(folder.path()).unwrap_err().to_string();
+        assert!(error.contains("leader.jsonl") && error.contains(said), "{error}");
+    }
+    let error = Recording::read(&folder.path().join("none.jsonl")).unwrap_err().to_string();
+    assert!(error.contains("none.jsonl") && error.contains("--transport simulated"), "{error}");
 }
 
 #[test]

@@ -53,10 +53,10 @@ fn measure(args: &BandwidthArgs) -> Result<String, TeamError> {
     bar.finish_and_clear();
     if args.format == Format::Json {
         return json(&serde_json::json!({
-            "scenario": outcome.scenario, "seed": seed, "duration_s": outcome.duration_s, "modelled": outcome.modelled,
+            "scenario": outcome.scenario.name, "seed": seed, "duration_s": outcome.duration_s, "modelled": outcome.modelled,
             "bandwidth": outcome.bandwidth, "video": outcome.video,
         }));
     }
-    let title = format!("{}, seed {seed}, {} s\n\n", outcome.scenario, outcome.duration_s);
+    let title = format!("{}, seed {seed}, {} s\n\n", outcome.scenario.name, outcome.duration_s);
     Ok(title + &table::bandwidth(&outcome.bandwidth, &outcome.video, outcome.names.len(), outcome.modelled))
 }

@@ -29,7 +29,7 @@ pub struct RunArgs {
     /// Several seeds, both ends included, e.g. 0..9, or a list, e.g. 1,3,7: mean and worst of each figure
     #[arg(long, value_name = "A..B", conflicts_with = "seed", value_parser = seeds::parse)]
     pub seeds: Option<seeds::Seeds>,
-    /// Writes map.jsonl, truth.jsonl, scores.json, errors.jsonl, observations.jsonl and pictures there; with several seeds a
+    /// Writes map.jsonl, truth.jsonl, scores.json, errors.jsonl, observations.jsonl, in virtual time leader.jsonl (for replay), and pictures there; with several seeds a
     /// folder each
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
@@ -71,7 +71,11 @@ pub fn run(args: &RunArgs) -> u8 {
 /// 2 for what the user gave, 1 for what failed.
 pub(super) fn exit_code(error: &TeamError) -> u8 {
     match error {
-        TeamError::Scenario(_) | TeamError::World(_) | TeamError::Camera(_) | TeamError::Usage(_) => 2,
+        TeamError::Scenario(_)
+        | TeamError::World(_)
+        | TeamError::Camera(_)
+        | TeamError::Usage(_)
+        | TeamError::Recording { .. } => 2,
         _ => 1,
     }
 }

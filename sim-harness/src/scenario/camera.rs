@@ -1,10 +1,10 @@
 //! The camera of a scenario: the lengths of a PAL's glass, as a calibration file lists them.
 
-use serde::Deserialize;
+use serde::{Deserialize, Serialize};
 
 /// A PAL of two mirrors and a refracting ellipsoid, and the sensor behind it. The defaults are the project's reference
 /// design: 768×576, −15° … +20°.
-#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct CameraSpec {
     /// Width, height.

@@ -1,9 +1,9 @@
 //! The room of a scenario: size, lamps, furniture.
 
-use serde::Deserialize;
+use serde::{Deserialize, Serialize};
 
 /// A room with its corner-to-corner origin in the middle of the floor.
-#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct RoomSpec {
     /// Along x, along y, height.
@@ -29,7 +29,7 @@ impl Default for RoomSpec {
 }
 
 /// A round lamp under the ceiling.
-#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct LampSpec {
     /// Where.
@@ -47,7 +47,7 @@ fn one() -> f64 {
 }
 
 /// A piece of furniture, by the middle of its foot. A piece on a wall has its front along its own −y: yaw 0 faces −y.
-#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct FurnitureSpec {
     /// What.
@@ -62,7 +62,7 @@ pub struct FurnitureSpec {
 }
 
 /// Kinds of furniture. Posters, doors and whiteboards hang on the wall that is nearest.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum FurnitureKind {
     /// Table on four legs.

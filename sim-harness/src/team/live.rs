@@ -229,11 +229,12 @@ fn outcome(
     let from_capture: Vec<f64> = heard.maps.iter().map(|m| m.arrived.seconds_since(m.message.stamp) * 1e3).collect();
     let [p50, p99, _] = leader.map_latency_ms.map(f64::from);
     Outcome {
-        scenario: scenario.name.clone(),
+        scenario: scenario.clone(),
         duration_s,
         zero,
         maps: heard.maps.into_iter().map(|m| m.message).collect(),
         observations: heard.observations.into_iter().filter_map(|o| Some((o.key.robot_id()?, o.message))).collect(),
+        heard: Vec::new(),
         latency_ms: Latency { p50: Some(p50), p99: Some(p99) },
         capture_to_map_ms: Latency::of(&from_capture),
         modelled: false,

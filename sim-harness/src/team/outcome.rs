@@ -9,6 +9,8 @@ use robot_agent::agent::{Frame, PictureKind};
 
 use super::truth::{Glimpse, TruthKeeper};
 use crate::bandwidth::{KindRate, VideoRate};
+use crate::replay::Heard;
+use crate::scenario::Scenario;
 use crate::score::scores::Latency;
 use crate::score::{MapErrors, Run, Scorer, Scores};
 use crate::world::World;
@@ -16,8 +18,8 @@ use crate::world::World;
 /// All of a run.
 #[derive(Debug)]
 pub struct Outcome {
-    /// Name of the scenario.
-    pub scenario: String,
+    /// What was to be simulated.
+    pub scenario: Scenario,
     /// What was simulated.
     pub world: Arc<World>,
     /// Names of the robots, in the order of the world.
@@ -30,6 +32,8 @@ pub struct Outcome {
     pub maps: Vec<TeamMap>,
     /// As they reached the leader.
     pub observations: Vec<(RobotId, Observation)>,
+    /// All that reached the leader, in order (in virtual time only).
+    pub heard: Vec<Heard>,
     /// Of each robot, in order of time.
     pub glimpses: Vec<Vec<Glimpse>>,
     /// From the arrival of an observation to its map.
@@ -87,7 +91,7 @@ impl Outcome {
             })
             .collect();
         let run = Run {
-            scenario: self.scenario.clone(),
+            scenario: self.scenario.name.clone(),
             seed: self.world.seed(),
             duration_s: self.duration_s,
             latency_ms: self.latency_ms.clone(),

@@ -15,6 +15,7 @@ use team_leader::team_map::json::MapJson;
 use super::diagnosis::diagnose;
 use super::outcome::Scored;
 use super::{Outcome, TeamError};
+use crate::replay;
 use crate::world::World;
 
 /// Between two lines of `truth.jsonl`, seconds.
@@ -36,6 +37,9 @@ pub fn write_all(outcome: &Outcome, scored: &Scored, folder: &Path) -> Result<()
     at(file("truth.jsonl"), lines(&file("truth.jsonl"), truth(outcome)))?;
     at(file("errors.jsonl"), lines(&file("errors.jsonl"), &scored.errors))?;
     at(file("observations.jsonl"), lines(&file("observations.jsonl"), diagnose(outcome)))?;
+    if !outcome.heard.is_empty() {
+        replay::write(outcome, &file(replay::FILE))?;
+    }
     write_json(&scored.scores, &file("scores.json"))?;
     for (kind, robot, bytes) in &outcome.pictures {
         let ending = if bytes.starts_with(&[0xff, 0xd8]) { "jpg" } else { "png" };

@@ -10,6 +10,7 @@ use std::sync::Arc;
 
 use protocol::codec::{Kind, claimed_kind, decode, encode};
 use protocol::id::RobotId;
+use protocol::key::{Key, RobotTopic};
 use protocol::message::{ClockReply, Observation, TeamMap};
 use protocol::time::Timestamp;
 use robot_agent::agent::{self, Agent, AgentSettings, Frame, Token};
@@ -18,10 +19,11 @@ use team_leader::leader::{self, Leader, LeaderCoreConfig};
 use self::node::{Due, LeaderNode, RobotNode};
 use super::frames::{Ahead, Taken};
 use super::truth::Glimpse;
-use super::{Outcome, PICTURES, TeamError, TeamSettings, camera, leader_id};
+use super::{Outcome, PICTURES, TeamError, TeamSettings, camera, leader_id, team_id};
 use crate::bandwidth::{Traffic, VideoRate};
 use crate::network::{EventQueue, Network, VirtualNs};
 use crate::render::Renderer;
+use crate::replay::{Heard, leader_input};
 use crate::scenario::Scenario;
 use crate::score::scores::Latency;
 use crate::world::World;
@@ -75,7 +77,7 @@ pub fn run(
 }
 
 struct Team {
-    scenario: String,
+    scenario: Scenario,
     world: Arc<World>,
     duration_s: f64,
     robots: Vec<RobotNode>,
@@ -85,6 +87,7 @@ struct Team {
     traffic: Traffic,
     maps: Vec<TeamMap>,
     observations: Vec<(RobotId, Observation)>,
+    heard: Vec<Heard>,
     latencies_ms: Vec<f64>,
     capture_latencies_ms: Vec<f64>,
     jpeg: (u64, u64),
@@ -114,7 +117,7 @@ impl Team {
             });
         }
         Ok(Self {
-            scenario: scenario.name.clone(),
+            scenario: scenario.clone(),
             duration_s,
             network: Network::new(settings.network, world.seed()),
             world,
@@ -128,6 +131,7 @@ impl Team {
             traffic: Traffic::default(),
             maps: Vec::new(),
             observations: Vec::new(),
+            heard: Vec::new(),
             latencies_ms: Vec::new(),
             capture_latencies_ms: Vec::new(),
             jpeg: (0, 0),
@@ -175,6 +179,7 @@ impl Team {
             }
             Event::Alive(index) => {
                 let name = self.robots[index].name;
+                self.hear(now, Key::robot(team_id()?, name, RobotTopic::Alive), &[]);
                 self.tell_leader(now, leader::Input::RobotAlive(name))
             }
             Event::Arrival { from, to, envelope } if to == self.leader_node() => self.at_leader(now, from, &envelope),
@@ -215,24 +220,26 @@ impl Team {
 
     fn at_leader(&mut self, now: VirtualNs, from: usize, envelope: &[u8]) -> Result<(), TeamError> {
         let robot = self.robots[from].name;
-        let input = match claimed_kind(envelope) {
-            Some(Kind::Announcement) => decode(envelope).map(leader::Input::Announcement),
-            Some(Kind::Observation) => decode(envelope).map(|observation: Observation| {
-                self.observations.push((robot, observation.clone()));
-                leader::Input::Observation(robot, observation)
-            }),
-            Some(Kind::ClockReply) => decode(envelope).map(|reply| leader::Input::ClockReply(robot, reply)),
-            Some(Kind::Alarm) => decode(envelope).map(leader::Input::Alarm),
-            Some(Kind::Health) => decode(envelope).map(leader::Input::Health),
-            _ => return Ok(()),
-        };
-        match input {
-            Ok(input) => self.tell_leader(now, input),
+        let Some(topic) = claimed_kind(envelope).and_then(leader_topic) else { return Ok(()) };
+        let key = Key::robot(team_id()?, robot, topic);
+        self.hear(now, key, envelope);
+        match leader_input(&key, envelope) {
+            Ok(Some(input)) => {
+                if let leader::Input::Observation(_, observation) = &input {
+                    self.observations.push((robot, observation.clone()));
+                }
+                self.tell_leader(now, input)
+            }
+            Ok(None) => Ok(()),
             Err(error) => {
                 self.notices.push(format!("leader, from {robot}: {error}"));
                 Ok(())
             }
         }
+    }
+
+    fn hear(&mut self, now: VirtualNs, key: Key, envelope: &[u8]) {
+        self.heard.push(Heard { arrival: leader_clock(now), key, envelope: envelope.into() });
     }
 
     fn tell_robot(&mut self, now: VirtualNs, index: usize, input: agent::Input, cost: u64) -> Result<(), TeamError> {
@@ -369,6 +376,7 @@ impl Team {
             zero: leader_clock(0),
             maps: self.maps,
             observations: self.observations,
+            heard: self.heard,
             latency_ms: Latency::of(&self.latencies_ms),
             capture_to_map_ms: Latency::of(&self.capture_latencies_ms),
             modelled: true,
@@ -384,8 +392,20 @@ impl Team {
     }
 }
 
+/// Under which key a kind of message reaches the leader.
+fn leader_topic(kind: Kind) -> Option<RobotTopic> {
+    match kind {
+        Kind::Announcement => Some(RobotTopic::Announcement),
+        Kind::Observation => Some(RobotTopic::Observation),
+        Kind::ClockReply => Some(RobotTopic::Clock),
+        Kind::Alarm => Some(RobotTopic::Alarm),
+        Kind::Health => Some(RobotTopic::Health),
+        _ => None,
+    }
+}
+
 /// The leader's clock: right, and zero is a second before the scenario's start.
-fn leader_clock(now: VirtualNs) -> Timestamp {
+pub(crate) fn leader_clock(now: VirtualNs) -> Timestamp {
     Timestamp((START_STAMP_S * 1e9) as u64 + now)
 }
 

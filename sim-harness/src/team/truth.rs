@@ -4,13 +4,14 @@ use std::collections::BTreeSet;
 
 use protocol::frames::Pose2;
 use protocol::id::RobotId;
+use serde::{Deserialize, Serialize};
 
 use crate::score::visibility::coverable;
 use crate::score::{PersonTruth, RobotTruth, Truth};
 use crate::world::World;
 
 /// When a robot took a picture, and the share of each person unhidden in it.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Glimpse {
     /// True time.
     pub time_s: f64,
