@@ -218,7 +218,8 @@ impl Recording {
 }
 
 fn bytes(hexadecimal: &str) -> Option<Arc<[u8]>> {
-    let digits = hexadecimal.as_bytes();
-    let pair = |pair: &[u8]| u8::from_str_radix(std::str::from_utf8(pair).ok()?, 16).ok();
-    (digits.len() % 2 == 0).then(|| digits.chunks(2).map(pair).collect()).flatten()
+    let digit = |digit: &u8| char::from(*digit).to_digit(16).and_then(|value| u8::try_from(value).ok());
+    let (pairs, rest) = hexadecimal.as_bytes().as_chunks::<2>();
+    let bytes = pairs.iter().map(|[high, low]| Some(16 * digit(high)? + digit(low)?)).collect();
+    if rest.is_empty() { bytes } else { None }
 }
