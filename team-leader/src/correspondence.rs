@@ -3,18 +3,25 @@
 //! Problem: each robot follows objects by bearing under its own numbers; the same person has another number at every
 //! robot, vanishes in merged regions, and two crossing rays meet where nobody stands (a ghost).
 //!
-//! Insight: a binding once made is worth more than any single frame, and a wrong one shows: its bearings leave the
-//! target's prediction, its ranges (feet, head, width) contradict, a third robot sees nothing there.
+//! Insight: every pairing of tracks is weighed against its tracks being clutter, by likelihoods: where the rays meet, how far
+//! each robot alone thinks it is, whether others see it. From frame to frame a track is its target's by the filter's prediction;
+//! over the frames of a second the pairings themselves are compared, all at once, and the best explanation of all tracks
+//! replaces what stands when it is clearly better. Who is who after that is a question of its own (place and height).
 //!
 //! ```text
-//!  track of a frame ─┬─ assigned to a target (optimal assignment, bound pairs preferred) ──▶ updates the target's filter
-//!                    └─ loose ──▶ paired with loose tracks of other robots, evidence gathered over frames
-//!                                    └─ clearly best pair ──▶ new target (or a lost one found again)
-//!  target ── unseen too long, or contradicted ──▶ dropped; remembered for a while to get its number back
+//!  track of a frame ── assignment ──▶ a target's: measures it (heavy tails weighed down)
+//!        │
+//!        └─ with the others' tracks ──▶ exchange: two targets' tracks of this robot the other way round?
+//!                                  └──▶ birth: the set of pairings that explains most ──▶ new target, found again, placed anew
+//!  target ── unseen too long, lost, a double ──▶ dropped; remembered for a while to get its number back (identity)
 //! ```
 
 mod assignment;
 mod birth;
+mod exchange;
+mod explanation;
+mod identity;
+mod likelihood;
 mod memory;
 mod merged;
 mod upkeep;
@@ -29,7 +36,10 @@ use crate::calibration::live::{Calibrator, Changes};
 use crate::leader::config::TargetConfig;
 use crate::stereo::range_cue::{CameraFacts, RangeCue};
 use crate::stereo::target::{BearingFrom, Innovation, Target};
-use birth::{Departed, Pair};
+use birth::Candidate;
+use exchange::Exchange;
+use identity::Past;
+use likelihood::{Fit, stretch};
 use memory::Memory;
 
 /// Most targets followed at once.
@@ -44,8 +54,12 @@ const CONFIRMED_UPDATES: u32 = 6;
 const TOP_FLOOR_VAR: f64 = 0.0016;
 /// A frame never counts for less than this part of a frame with an error of its own.
 const MOST_REPEAT: f64 = 2.5;
-/// A frame in which others share the region counts for less.
-const MERGED_REPEAT: f64 = 6.0;
+/// Where the rays leave the place so unsure (larger axis, metres), ranges from feet, head and width help.
+const UNSURE_M: f64 = 0.15;
+/// How much less a range from feet, head and width says with every frame: the gait, the clothes, the shadow stay.
+const RANGE_REPEAT: f64 = 10.0;
+/// What a robot followed this long ago it still follows, seconds.
+const PRESENT_S: f64 = 0.3;
 /// A target counts as seen by a robot for so long after its last bearing, seconds.
 pub const OBSERVED_S: f64 = 0.35;
 
@@ -55,8 +69,9 @@ pub struct Follower {
     config: TargetConfig,
     targets: Vec<Followed>,
     memories: Vec<Memory>,
-    pairs: Vec<Pair>,
-    departed: Vec<Departed>,
+    candidates: Vec<Candidate>,
+    exchanges: Vec<Exchange>,
+    departed: Vec<Followed>,
     vacated: Vec<(Vector2<f64>, Timestamp)>,
     next_id: u32,
     newest: Timestamp,
@@ -77,10 +92,7 @@ pub struct Followed {
     two_robots: bool,
     /// Half of its width, m.
     half_width_m: f64,
-    /// Running mean of how badly the ranges of single robots fit.
-    misfit: f64,
-    /// Since when each robot that should see it does not.
-    absent: Vec<(usize, Timestamp)>,
+    past: Past,
 }
 
 /// The tracks of one frame of a standing robot.
@@ -124,7 +136,8 @@ impl Follower {
             config,
             targets: Vec::new(),
             memories: Vec::new(),
-            pairs: Vec::new(),
+            candidates: Vec::new(),
+            exchanges: Vec::new(),
             departed: Vec::new(),
             vacated: Vec::new(),
             next_id: 1,
@@ -149,7 +162,7 @@ impl Follower {
         }
         for (robot, pose, _) in &changes.left {
             self.memories.retain(|m| m.robot != *robot);
-            self.pairs.retain(|p| p.a.0 != *robot && p.b.0 != *robot);
+            self.candidates.retain(|c| !c.concerns(*robot));
             self.vacated.push((pose.position(), at));
         }
     }
@@ -157,7 +170,7 @@ impl Follower {
     /// The robot's session ended: its track numbers mean nothing any more.
     pub fn forget_tracks(&mut self, robot: usize) {
         self.memories.retain(|m| m.robot != robot);
-        self.pairs.retain(|p| p.a.0 != robot && p.b.0 != robot);
+        self.candidates.retain(|c| !c.concerns(robot));
     }
 
     /// Works on one frame.
@@ -170,14 +183,18 @@ impl Follower {
         self.remember(frame, &sights);
         let assigned = self.assign(frame, &sights, calibrator);
         for (sight, target) in sights.iter().zip(&assigned) {
-            if let Some(t) = target.filter(|_| !sight.region) {
-                self.measure(frame, sight, t, calibrator);
+            match target {
+                Some((t, fit)) if !sight.region => self.measure(frame, sight, *t, fit),
+                Some(_) => {}
+                None => self.memories.iter_mut().filter(|m| m.is(frame.robot, sight.track)).for_each(Memory::miss),
             }
         }
-        self.measure_merged(frame, &sights, &assigned, calibrator);
-        self.note_absences(frame, &sights, calibrator);
+        let members: Vec<Option<usize>> = assigned.iter().map(|a| a.map(|(t, _)| t)).collect();
+        self.measure_merged(frame, &sights, &members, calibrator);
+        self.exchange(frame, calibrator);
         self.give_birth(frame, &sights, calibrator);
         self.keep_up(calibrator);
+        self.keep_past();
     }
 
     fn sights(&self, frame: &Frame<'_>, calibrator: &Calibrator) -> Vec<Sight> {
@@ -233,21 +250,17 @@ impl Follower {
         BearingFrom { robot: frame.robot, pose: frame.pose, bearing_rad: sight.bearing_rad, var, at: frame.at }
     }
 
-    fn measure(&mut self, frame: &Frame<'_>, sight: &Sight, t: usize, calibrator: &Calibrator) {
-        let rough = self.bearing(frame, sight, 3.0, 1.0);
-        let range_m = self.targets[t].target.innovation(&rough).range_m;
-        let single = self.bearing(frame, sight, range_m, 1.0);
-        let innovation = self.targets[t].target.innovation(&single);
-        let d2 = gate_distance2(&innovation, &self.targets[t].target, &single, calibrator);
+    fn measure(&mut self, frame: &Frame<'_>, sight: &Sight, t: usize, fit: &Fit) {
         let id = self.targets[t].id;
         let Some(memory) = self.memories.iter_mut().find(|m| m.is(frame.robot, sight.track)) else { return };
-        if !memory.hit(id, d2) {
+        if !memory.hit(id, fit.d2) {
             return;
         }
         let followed_alone = self.is_seen_by_one(t, frame);
-        // Errors in a group last as long as it does.
-        let repeat = if sight.merged { MERGED_REPEAT } else { self.repeat(t, frame) };
-        let m = self.bearing(frame, sight, range_m, repeat);
+        let repeat = self.repeat(t, frame);
+        let range_m = fit.range_m;
+        let mut m = self.bearing(frame, sight, range_m, repeat);
+        m.var *= stretch(fit.d2);
         self.use_bearing(t, &m);
         if sight.merged {
             return;
@@ -257,10 +270,10 @@ impl Follower {
             followed.half_width_m +=
                 0.05 * ((sight.half_width_rad.tan() * range_m).clamp(0.1, 0.6) - followed.half_width_m);
         }
-        followed.misfit += 0.05 * (sight.cue.cost(range_m) - followed.misfit);
-        if let (true, Some((log_range, spread))) = (followed_alone, sight.cue.log_range) {
-            let range_m = log_range.exp();
-            followed.target.update_range(&frame.pose, range_m, (spread * range_m).powi(2) * 2.0 * repeat);
+        let unsure = followed_alone || followed.target.sigma_m() > UNSURE_M;
+        if let (true, Some((log_range, spread))) = (unsure, sight.cue.log_range) {
+            let cue_m = log_range.exp();
+            followed.target.update_range(&frame.pose, cue_m, (spread * cue_m).powi(2) * RANGE_REPEAT);
         }
         if let Some((elevation, sigma)) = sight.top {
             let range_var = followed.target.sigma_m().powi(2);
@@ -298,7 +311,6 @@ impl Follower {
             Some((_, at)) => *at = m.at,
             None => followed.observers.push((m.robot, m.at)),
         }
-        followed.absent.retain(|(r, _)| *r != m.robot);
     }
 }
 
@@ -306,6 +318,11 @@ impl Followed {
     /// Whether it may be shown: believed, seen by two robots, sure enough.
     pub fn is_confirmed(&self) -> bool {
         self.updates >= CONFIRMED_UPDATES && self.two_robots
+    }
+
+    /// Whether a robot has seen it within so many seconds of `at`.
+    fn is_seen_by(&self, robot: usize, at: Timestamp, within_s: f64) -> bool {
+        self.observers.iter().any(|(r, seen)| *r == robot && at.seconds_since(*seen).abs() < within_s)
     }
 
     /// Position covariance with the poses' part, m².
@@ -320,8 +337,8 @@ impl Followed {
     }
 }
 
-/// Squared residual over its variance, with the poses' errors (of each robot by itself).
-fn gate_distance2(innovation: &Innovation, target: &Target, m: &BearingFrom, calibrator: &Calibrator) -> f64 {
+/// Squared residual over its variance, and the variance, with the poses' errors (of each robot by itself).
+fn gate_distance2(innovation: &Innovation, target: &Target, m: &BearingFrom, calibrator: &Calibrator) -> (f64, f64) {
     let mut var = innovation.var;
     let mut own_pose_counted = false;
     for (robot, d) in target.dependence() {
@@ -335,7 +352,7 @@ fn gate_distance2(innovation: &Innovation, target: &Target, m: &BearingFrom, cal
     if !own_pose_counted {
         var += quadratic(&innovation.to_pose(), &calibrator.covariance(m.robot, m.robot));
     }
-    innovation.residual_rad.powi(2) / var
+    (innovation.residual_rad.powi(2) / var, var)
 }
 
 fn quadratic(row: &RowVector3<f64>, cov: &Matrix3<f64>) -> f64 {

@@ -1,64 +1,64 @@
-//! The tracks of one frame to the targets: optimal assignment (Kuhn and Munkres), in which bound pairs are preferred.
+//! The tracks of one frame to the targets: the assignment of largest likelihood (Kuhn and Munkres on log-ratios).
+//!
+//! A track is worth to a target what [`Follower::fit`] says, more where it was the target's in the frames before: a robot
+//! seldom takes one object for another from frame to frame. It does so now and then where people pass each other, and then
+//! the bearings, sure of themselves through the other robots, outweigh the past.
 
-use pathfinding::kuhn_munkres::kuhn_munkres_min;
+use pathfinding::kuhn_munkres::kuhn_munkres;
 use pathfinding::matrix::Matrix;
 
-use super::{Follower, Frame, Sight, gate_distance2};
+use super::likelihood::Fit;
+use super::{Follower, Frame, Sight};
 use crate::calibration::live::Calibrator;
 
-/// Squared sigmas within which a bound pair stays one.
-const BOUND_GATE: f64 = 60.0;
-/// Squared sigmas within which a track may find a target.
-const FREE_GATE: f64 = 9.0;
-/// What a confirmed binding is worth.
-const BOUND_WORTH: f64 = 8.0;
-/// Price of taking a track, or a target's place in this picture, from another.
-const REBIND_COST: f64 = 8.0;
-/// Price of any new binding.
-const BIND_COST: f64 = 2.0;
-/// Price of leaving a track alone: bound, and free.
-const ALONE_COST: [f64; 2] = [45.0, 10.0];
-/// Costs are integers for the solver.
+/// Squared sigmas beyond which a track is never the target's: bound, and free.
+const GATE: [f64; 2] = [60.0, 12.0];
+/// What a binding is worth, nats, fully after so many frames.
+const BOUND_WORTH: f64 = 5.0;
+const BOUND_HITS: u32 = 5;
+/// Log-odds that a new track is a given target's.
+const FREE_ODDS: f64 = -1.0;
+/// Log-odds that a target in view is seen: of two assignments the one that explains more.
+const SEEN_ODDS: f64 = 1.0;
+/// Weights are integers for the solver.
 const SCALE: f64 = 1000.0;
-const FORBIDDEN: f64 = 1e6;
 
 impl Follower {
-    /// For each sight the index of its target.
-    pub(super) fn assign(&self, frame: &Frame<'_>, sights: &[Sight], calibrator: &Calibrator) -> Vec<Option<usize>> {
+    /// For each sight the index of its target and how it fits.
+    pub(super) fn assign(
+        &self,
+        frame: &Frame<'_>,
+        sights: &[Sight],
+        calibrator: &Calibrator,
+    ) -> Vec<Option<(usize, Fit)>> {
         if sights.is_empty() || self.targets.is_empty() {
             return vec![None; sights.len()];
         }
-        let bound =
-            |track| self.memories.iter().find(|m| m.is(frame.robot, track)).and_then(|m| Some((m.bound?, m.hits)));
-        let columns = self.targets.len() + sights.len();
-        let mut costs = Matrix::new(sights.len(), columns, (FORBIDDEN * SCALE) as i64);
+        // A column each for the targets, and one each for being left alone, which is worth nothing.
+        let mut worth = Matrix::new(sights.len(), self.targets.len() + sights.len(), 0i64);
+        let mut fits = Vec::with_capacity(sights.len());
         for (k, sight) in sights.iter().enumerate() {
-            let mine = bound(sight.track).filter(|(id, _)| self.targets.iter().any(|f| f.id == *id));
-            for (t, followed) in self.targets.iter().enumerate() {
-                let rough = self.bearing(frame, sight, 3.0, 1.0);
-                let range_m = followed.target.innovation(&rough).range_m;
-                let m = self.bearing(frame, sight, range_m, 1.0);
-                let d2 = gate_distance2(&followed.target.innovation(&m), &followed.target, &m, calibrator);
-                let cost = match mine {
-                    Some((id, hits)) if id == followed.id => {
-                        let worth = BOUND_WORTH * f64::from(hits.min(5)) / 5.0;
-                        if d2 < BOUND_GATE { d2 - worth } else { FORBIDDEN }
-                    }
-                    _ if sight.peer || d2 > FREE_GATE => FORBIDDEN,
-                    _ => {
-                        let rival = sights
-                            .iter()
-                            .any(|o| o.track != sight.track && bound(o.track).is_some_and(|(id, _)| id == followed.id));
-                        let taken = f64::from(u8::from(mine.is_some())) + f64::from(u8::from(rival));
-                        d2 + BIND_COST + REBIND_COST * taken + 0.5 * sight.cue.cost(range_m)
-                    }
-                };
-                costs[(k, t)] = (cost * SCALE) as i64;
-            }
-            costs[(k, self.targets.len() + k)] = (ALONE_COST[usize::from(mine.is_none())] * SCALE) as i64;
+            let memory = self.memories.iter().find(|m| m.is(frame.robot, sight.track));
+            let bound = memory.and_then(|m| Some((m.bound?, m.hits)));
+            let row: Vec<Option<Fit>> = (0..self.targets.len())
+                .map(|t| {
+                    let fit = self.fit(frame, sight, t, calibrator);
+                    let (mine, odds) = match bound {
+                        Some((id, hits)) if id == self.targets[t].id => {
+                            (true, BOUND_WORTH * f64::from(hits.min(BOUND_HITS)) / f64::from(BOUND_HITS))
+                        }
+                        _ => (false, FREE_ODDS),
+                    };
+                    let value = fit.log_ratio + odds + SEEN_ODDS;
+                    let possible = fit.d2 < GATE[usize::from(!mine)] && (mine || !sight.peer) && value > 0.0;
+                    worth[(k, t)] = if possible { (value * SCALE) as i64 } else { -1 };
+                    possible.then_some(fit)
+                })
+                .collect();
+            fits.push(row);
         }
-        let (_, chosen) = kuhn_munkres_min(&costs);
-        let allowed = |k: usize, t: usize| costs[(k, t)] < (0.5 * FORBIDDEN * SCALE) as i64;
-        chosen.into_iter().enumerate().map(|(k, t)| (t < self.targets.len() && allowed(k, t)).then_some(t)).collect()
+        let (_, chosen) = kuhn_munkres(&worth);
+        let pairs = chosen.into_iter().zip(fits);
+        pairs.map(|(t, row)| row.get(t).copied().flatten().map(|fit| (t, fit))).collect()
     }
 }

@@ -1,194 +1,172 @@
-//! New targets from loose tracks of two robots.
+//! The best explanation of all tracks: new targets, and old ones that other tracks explain better.
 //!
-//! Every pair of loose tracks of two robots whose rays meet is a candidate; of n people two robots make up to n² of them,
-//! n of which are real. Evidence is gathered over frames: the ranges that each robot knows by itself, the height of the
-//! top from both sides, whether a third robot sees something there. A pair becomes a target when it is clearly better than
-//! every other use of its two tracks.
+//! Problem: of n people two robots make up to n² crossings of rays, n of which are real, and some tracks are nobody.
+//!
+//! Insight: the tracks are shared out once for all of them. A candidate (tracks of two robots, and of every further robot
+//! whose ray passes there) is weighed against its tracks being clutter ([`super::explanation`]); the set of candidates that
+//! share no track and weigh most together explains the pictures best. So a ghost may look as good as a person by itself: it
+//! takes away the tracks of two. Candidates that are targets already are in the set with a bonus. A new one that stays in it
+//! over frames, clearly ahead of the best set without it, becomes a target; whose number it gets says [`super::identity`].
+
+mod packing;
 
 use nalgebra::Vector2;
 use protocol::angle::wrap;
+use protocol::frames::Pose2;
 use protocol::id::{TargetId, TrackId};
 use protocol::time::Timestamp;
 
+use super::explanation::{Explanation, RANGE_WORTH};
+use super::identity::Past;
+use super::likelihood::log_student;
 use super::memory::Memory;
-use super::{Followed, Follower, Frame, MAX_TARGETS, Sight};
+use super::{Followed, Follower, Frame, MAX_TARGETS, PRESENT_S, Sight};
 use crate::calibration::live::Calibrator;
-use crate::stereo::target::{BearingFrom, Target};
-use crate::stereo::triangulate::{StereoBearings, triangulate};
+use crate::stereo::target::Target;
 
-/// Frames in which a track must have been seen before it is paired.
+/// Frames in which a track must have been seen before it counts.
 const LEAST_COUNT: u32 = 3;
-/// A track of another robot counts as present for so long, seconds.
-const PRESENT_S: f64 = 0.3;
-/// Rays that meet at a flatter angle (sine) say nothing about range.
-const LEAST_PARALLAX: f64 = 0.08;
-/// Where targets may be, metres from each robot.
-const RANGE_M: [f64; 2] = [0.35, 15.0];
 /// Nobody stands inside a robot, metres from its axis.
 const ROBOT_M: f64 = 0.3;
 /// A robot that left its place leaves a false change there, for so long (s) and so near (m).
 const VACATED: (f64, f64) = (15.0, 0.45);
-/// How far from its axis a body reaches with arms and steps, metres.
-const BODY_REACH_M: f64 = 0.3;
-/// What it costs that a track shares its region with others.
-const MERGED_DOUBT: f64 = 0.5;
-/// Log-likelihood of an impossible pair.
-const IMPOSSIBLE: f64 = -10.0;
-/// Log-likelihood below which no pair is believed.
-const LEAST_BELIEF: f64 = -4.5;
-/// A third robot sees a loose track there, something, nothing although it should.
-const THIRD: [f64; 3] = [1.5, 0.0, -2.0];
-/// A third robot further away may miss it, metres.
-const THIRD_RANGE_M: f64 = 6.0;
-/// Frames of evidence, and the lead that is needed with few and with many.
-const EVIDENCE: [(u32, f64); 2] = [(4, 1.0), (12, 0.4)];
-/// Most pairs under consideration.
-const MAX_PAIRS: usize = 1024;
-/// How long a dropped target may get its number back, seconds, and how far it may have gone: metres, m/s.
-const REMEMBERED_S: f64 = 5.0;
-const STRAYED: (f64, f64) = (0.6, 1.0);
+/// A further robot's ray passes within so many squared sigmas.
+const THIRD_GATE: f64 = 12.0;
+/// What it says that a further robot sees nothing, and how far away it may miss people, metres.
+const UNSEEN: f64 = -1.2;
+const SURE_RANGE_M: f64 = 6.0;
+/// Frames of evidence, and the lead over the best set without it that is needed with so many.
+const EVIDENCE: [(u32, f64); 3] = [(5, 1.5), (10, 0.75), (20, 0.25)];
+/// Frames over which a candidate's weight is averaged.
+const MEAN_OVER: u32 = 20;
+/// What it is worth that the tracks are one target's already, nats.
+const STANDING_WORTH: f64 = 4.0;
+/// Most candidates, and most loose tracks of other robots that one frame is paired with.
+const MAX_CANDIDATES: usize = 512;
+const MAX_OTHERS: usize = 64;
+/// A robot's track.
+type Key = (usize, TrackId);
 
-/// Evidence for a pair of tracks.
+/// Tracks that may be one object, with the evidence so far.
 #[derive(Debug, Clone)]
-pub struct Pair {
-    /// Robot and track.
-    pub a: (usize, TrackId),
-    /// Robot and track.
-    pub b: (usize, TrackId),
+pub struct Candidate {
+    /// The two whose rays were crossed.
+    pair: [Key; 2],
+    /// These, and those of further robots that pass there, as of the last frame.
+    tracks: Vec<Key>,
+    position: Vector2<f64>,
     mean: f64,
     count: u32,
     last: Timestamp,
 }
 
-/// A dropped target.
-#[derive(Debug, Clone)]
-pub struct Departed {
-    /// Its number.
-    pub id: TargetId,
-    /// Last known.
-    pub position: Vector2<f64>,
-    /// When.
-    pub at: Timestamp,
+impl Candidate {
+    /// Whether a track of the robot is in it.
+    pub fn concerns(&self, robot: usize) -> bool {
+        self.tracks.iter().any(|(r, _)| *r == robot)
+    }
+}
+
+/// A candidate as one frame shows it.
+struct Weighed {
+    log_ratio: f64,
+    position: Vector2<f64>,
+    tracks: Vec<Key>,
 }
 
 impl Follower {
     /// Gathers evidence for the loose tracks of this frame, and makes targets of the clear ones.
     pub(super) fn give_birth(&mut self, frame: &Frame<'_>, sights: &[Sight], calibrator: &Calibrator) {
-        let loose = |m: &&Memory| m.bound.is_none() && !m.peer && m.count >= LEAST_COUNT;
-        let present = |m: &&Memory| frame.at.seconds_since(m.last).abs() < PRESENT_S;
+        let loose = |m: &&Memory| !m.peer && m.count >= LEAST_COUNT;
         let mine: Vec<Memory> = sights
             .iter()
             .filter_map(|s| self.memories.iter().find(|m| m.is(frame.robot, s.track)))
             .filter(loose)
             .cloned()
             .collect();
+        let newest = self.newest;
+        self.candidates.retain(|c| newest.seconds_since(c.last) < 2.0 * PRESENT_S);
         if mine.is_empty() {
             return;
         }
-        let others: Vec<Memory> =
-            self.memories.iter().filter(|m| m.robot != frame.robot).filter(loose).filter(present).cloned().collect();
-        let mut touched = Vec::new();
+        let others: Vec<(Memory, Pose2)> = self
+            .memories
+            .iter()
+            .filter(|m| m.robot != frame.robot && frame.at.seconds_since(m.last).abs() < PRESENT_S)
+            .filter(loose)
+            .filter_map(|m| Some((m.clone(), calibrator.station(m.robot)?)))
+            .take(MAX_OTHERS)
+            .collect();
         for a in &mine {
-            for b in &others {
-                let Some(pose_b) = calibrator.station(b.robot) else { continue };
-                let (belief, _) = self.belief(frame, a, b, pose_b, calibrator);
-                touched.push(self.gather((a.robot, a.track), (b.robot, b.track), belief, frame.at));
+            for (b, pose_b) in &others {
+                let weighed = self.weigh_pair(frame, (a, &frame.pose), (b, pose_b), &others, &mine, calibrator);
+                self.gather([(a.robot, a.track), (b.robot, b.track)], weighed, frame.at);
             }
         }
-        let newest = self.newest;
-        self.pairs.retain(|p| newest.seconds_since(p.last) < 1.0);
-        for (a, b) in self.clear_pairs(&touched) {
-            self.make_target(frame, a, b, calibrator);
+        let mut placed = Vec::new();
+        for tracks in self.clear_candidates() {
+            placed.extend(self.make_target(frame, &tracks, &placed, calibrator));
         }
     }
 
-    /// Log-likelihood that two tracks are one object, and where it would be.
-    fn belief(
+    /// Where the rays of two tracks cross, who else looks there, and how much speaks for it. `None`: nobody can be there.
+    fn weigh_pair(
         &self,
         frame: &Frame<'_>,
-        a: &Memory,
-        b: &Memory,
-        pose_b: protocol::frames::Pose2,
+        (a, pose_a): (&Memory, &Pose2),
+        (b, pose_b): (&Memory, &Pose2),
+        others: &[(Memory, Pose2)],
+        mine: &[Memory],
         calibrator: &Calibrator,
-    ) -> (f64, Option<Vector2<f64>>) {
-        let pose_a = frame.pose;
-        let bearing_b = b.bearing_at(frame.at);
-        let met = triangulate(&StereoBearings {
-            target_1_rad: a.bearing_rad,
-            target_2_rad: bearing_b,
-            bearing_21_rad: pose_a.bearing_to(pose_b.position()),
-            bearing_12_rad: pose_b.bearing_to(pose_a.position()),
-            baseline_m: (pose_b.position() - pose_a.position()).norm(),
-        });
-        let Some(met) = met.filter(|t| {
-            t.parallax_rad.sin() > LEAST_PARALLAX
-                && [t.range_1_m, t.range_2_m].iter().all(|r| (RANGE_M[0]..RANGE_M[1]).contains(r))
-        }) else {
-            return (IMPOSSIBLE, None);
-        };
-        let position = pose_a.transform(met.position_m);
+    ) -> Option<Weighed> {
+        let explained = self.explain(&[(a, *pose_a), (b, *pose_b)], frame.at)?;
+        let position = explained.position;
         let in_robot = calibrator.poses(frame.at).any(|(_, p)| (p.position() - position).norm() < ROBOT_M);
         let ghost_of_robot = self.vacated.iter().any(|(p, _)| (p - position).norm() < VACATED.1);
         if in_robot || ghost_of_robot {
-            return (IMPOSSIBLE, None);
+            return None;
         }
-        if self.is_piece_of_known(a, b, pose_b, frame) {
-            return (IMPOSSIBLE, None);
-        }
-        let mut belief = -0.5 * (a.cue.cost(met.range_1_m) + b.cue.cost(met.range_2_m));
-        belief -= MERGED_DOUBT * f64::from(u8::from(a.merged) + u8::from(b.merged));
-        if let (Some((ea, sa)), Some((eb, sb))) = (a.top, b.top) {
-            let (za, zb) = (met.range_1_m * ea.tan(), met.range_2_m * eb.tan());
-            let sigma = (met.range_1_m * sa).hypot(met.range_2_m * sb).hypot(0.1);
-            belief -= 0.5 * ((za - zb) / sigma).powi(2).min(9.0);
-        }
+        let mut log_ratio = explained.log_ratio;
+        let mut tracks = vec![(a.robot, a.track), (b.robot, b.track)];
         for (robot, pose) in calibrator.stations().filter(|(r, _)| *r != a.robot && *r != b.robot) {
-            belief += self.third_opinion(frame.at, robot, &pose, position);
+            let seen = others.iter().map(|(m, _)| m).chain(mine).filter(|m| m.robot == robot);
+            let (nats, track) = self.third_opinion(frame.at, robot, &pose, &explained, seen);
+            log_ratio += nats;
+            tracks.extend(track.map(|t| (robot, t)));
         }
-        (belief, Some(position))
+        Some(Weighed { log_ratio, position, tracks })
     }
 
-    /// Whether a target that both robots follow already covers both tracks: a second piece of the same body.
-    fn is_piece_of_known(&self, a: &Memory, b: &Memory, pose_b: protocol::frames::Pose2, frame: &Frame<'_>) -> bool {
-        let covers = |f: &Followed, m: &Memory, pose: &protocol::frames::Pose2| {
-            let range_m = (f.target.position() - pose.position()).norm().max(0.3);
-            let away = wrap(m.bearing_at(frame.at) - pose.bearing_to(f.target.position())).abs();
-            away < (BODY_REACH_M / range_m).atan() + m.sigma_rad
-        };
-        let followed = |f: &Followed, robot: usize| {
-            let lately = |at: Timestamp| frame.at.seconds_since(at).abs() < 2.0 * PRESENT_S;
-            f.observers.iter().any(|(r, at)| *r == robot && lately(*at))
-        };
-        self.targets.iter().any(|f| {
-            f.is_confirmed()
-                && followed(f, a.robot)
-                && followed(f, b.robot)
-                && covers(f, a, &frame.pose)
-                && covers(f, b, &pose_b)
-        })
-    }
-
-    fn third_opinion(
+    /// What a further robot says, and by which loose track.
+    fn third_opinion<'a>(
         &self,
         at: Timestamp,
         robot: usize,
-        pose: &protocol::frames::Pose2,
-        position: Vector2<f64>,
-    ) -> f64 {
-        let bearing = pose.bearing_to(position);
-        let range_m = (position - pose.position()).norm();
-        let mut recent = self.memories.iter().filter(|m| m.robot == robot && at.seconds_since(m.last) < PRESENT_S);
-        let near: Vec<&Memory> = recent
-            .by_ref()
-            .filter(|m| wrap(m.bearing_at(at) - bearing).abs() < m.half_width_rad.max(3.0 * m.sigma_rad) + 0.02)
-            .collect();
-        if near.iter().any(|m| m.bound.is_none() && !m.peer) {
-            THIRD[0]
-        } else if !near.is_empty() || range_m > THIRD_RANGE_M || !self.watches(robot, at) {
-            THIRD[1]
-        } else {
-            THIRD[2]
+        pose: &Pose2,
+        explained: &Explanation,
+        loose: impl Iterator<Item = &'a Memory>,
+    ) -> (f64, Option<TrackId>) {
+        let away = explained.position - pose.position();
+        let (bearing, range_m) = (pose.bearing_to(explained.position), away.norm().max(ROBOT_M));
+        let across = Vector2::new(-away.y, away.x) / range_m;
+        let spread_var = across.dot(&(explained.covariance * across));
+        let best = loose
+            .filter_map(|m| {
+                let var = m.sigma_rad.powi(2) + (spread_var + self.config.axis_sway_m.powi(2)) / range_m.powi(2);
+                let seen_at = m.bearing_at(at);
+                let d2 = wrap(seen_at - bearing).powi(2) / var;
+                let nats = log_student(d2, var) - self.clutter(robot, pose, seen_at, at, None).ln() + RANGE_WORTH
+                    - 0.5 * m.cue.cost(range_m);
+                (d2 < THIRD_GATE).then_some((nats, m.track))
+            })
+            .max_by(|x, y| x.0.total_cmp(&y.0));
+        if let Some((nats, track)) = best.filter(|(nats, _)| *nats > 0.0) {
+            return (nats, Some(track));
         }
+        let mut recent = self.memories.iter().filter(|m| m.robot == robot && at.seconds_since(m.last) < PRESENT_S);
+        let covered = recent.any(|m| wrap(m.bearing_at(at) - bearing).abs() < m.half_width_rad + 0.15 / range_m);
+        let blind = covered || range_m > SURE_RANGE_M || !self.watches(robot, at);
+        (if blind { 0.0 } else { UNSEEN }, None)
     }
 
     /// Whether the robot follows anything at present: one that has just stopped sees nobody yet.
@@ -196,79 +174,105 @@ impl Follower {
         self.memories.iter().any(|m| m.robot == robot && at.seconds_since(m.last) < PRESENT_S)
     }
 
-    fn gather(&mut self, a: (usize, TrackId), b: (usize, TrackId), belief: f64, at: Timestamp) -> usize {
-        let found = self.pairs.iter().position(|p| (p.a == a && p.b == b) || (p.a == b && p.b == a));
-        let k = found.unwrap_or_else(|| {
-            if self.pairs.len() >= MAX_PAIRS {
-                self.pairs.remove(0);
+    fn gather(&mut self, pair: [Key; 2], weighed: Option<Weighed>, at: Timestamp) {
+        let reversed = [pair[1], pair[0]];
+        let found = self.candidates.iter().position(|c| c.pair == pair || c.pair == reversed);
+        let Some(weighed) = weighed else {
+            if let Some(k) = found {
+                self.candidates.swap_remove(k);
             }
-            self.pairs.push(Pair { a, b, mean: 0.0, count: 0, last: at });
-            self.pairs.len() - 1
-        });
-        let pair = &mut self.pairs[k];
-        pair.count += 1;
-        pair.mean += (belief - pair.mean) / f64::from(pair.count.min(20));
-        pair.last = at;
-        k
+            return;
+        };
+        match found {
+            Some(k) => {
+                let c = &mut self.candidates[k];
+                c.count += 1;
+                c.mean += (weighed.log_ratio - c.mean) / f64::from(c.count.min(MEAN_OVER));
+                (c.tracks, c.position, c.last) = (weighed.tracks, weighed.position, at);
+            }
+            None if self.candidates.len() < MAX_CANDIDATES => self.candidates.push(Candidate {
+                pair,
+                tracks: weighed.tracks,
+                position: weighed.position,
+                mean: weighed.log_ratio,
+                count: 1,
+                last: at,
+            }),
+            None => {}
+        }
     }
 
-    /// Pairs of this frame that are better than every other use of their tracks.
-    fn clear_pairs(&self, touched: &[usize]) -> Vec<((usize, TrackId), (usize, TrackId))> {
-        // Positions shift when old pairs are removed, so the touched ones are found by their time.
-        if touched.is_empty() {
+    /// Tracks of the candidates that belong to the best explanation of all tracks, clearly, and are not targets yet.
+    fn clear_candidates(&self) -> Vec<Vec<Key>> {
+        let standing: Vec<bool> = self.candidates.iter().map(|c| self.stands(c)).collect();
+        let worth = |k: usize| self.candidates[k].mean + if standing[k] { STANDING_WORTH } else { 0.0 };
+        let mut hopeful: Vec<usize> = (0..self.candidates.len()).filter(|k| worth(*k) > 0.0).collect();
+        if hopeful.iter().all(|k| standing[*k]) {
             return Vec::new();
         }
-        let shares = |p: &Pair, q: &Pair| {
-            let same_robots = [q.a.0, q.b.0].iter().all(|r| *r == p.a.0 || *r == p.b.0);
-            same_robots && (p.a == q.a || p.a == q.b || p.b == q.a || p.b == q.b)
-        };
-        let mut clear: Vec<&Pair> = Vec::new();
-        for (k, p) in self.pairs.iter().enumerate().filter(|(_, p)| p.last == self.newest || p.count >= EVIDENCE[0].0) {
-            let rivals = self.pairs.iter().enumerate().filter(|(j, q)| *j != k && q.count >= 2 && shares(p, q));
-            let best_rival = rivals.map(|(_, q)| q.mean).fold(f64::NEG_INFINITY, f64::max);
-            let lead = p.mean - best_rival;
-            let enough = EVIDENCE.iter().any(|(count, needed)| p.count >= *count && lead > *needed);
-            if enough && p.mean > LEAST_BELIEF {
-                clear.push(p);
-            }
-        }
-        clear.sort_by(|p, q| q.mean.total_cmp(&p.mean));
-        clear.into_iter().map(|p| (p.a, p.b)).collect()
+        hopeful.sort_by(|x, y| worth(*y).total_cmp(&worth(*x)));
+        hopeful.truncate(packing::MOST);
+        let of = |x: usize| &self.candidates[hopeful[x]];
+        let weights: Vec<f64> = hopeful.iter().map(|k| worth(*k)).collect();
+        let shares = |x: usize, y: usize| of(x).tracks.iter().any(|t| of(y).tracks.contains(t));
+        let (best, chosen) = packing::best(&weights, &|_| true, &shares);
+        let clear = chosen.into_iter().filter(|&k| !standing[hopeful[k]]).filter(|&k| {
+            let same = |j: usize| shares(j, k) && (of(j).position - of(k).position).norm() < ROBOT_M;
+            let lead = || best - packing::best(&weights, &|j| !same(j), &shares).0;
+            EVIDENCE.iter().any(|(enough, needed)| of(k).count >= *enough && lead() > *needed)
+        });
+        clear.map(|k| of(k).tracks.clone()).collect()
     }
 
-    fn make_target(&mut self, frame: &Frame<'_>, a: (usize, TrackId), b: (usize, TrackId), calibrator: &Calibrator) {
-        let free = |m: &&Memory| m.bound.is_none() && !m.peer;
-        let find = |key: (usize, TrackId)| self.memories.iter().find(|m| m.is(key.0, key.1)).filter(free).cloned();
-        let (Some(a), Some(b)) = (find(a), find(b)) else { return };
-        // `a` is the newer one: a frame of its robot is being worked on.
-        let (a, b) = if a.robot == frame.robot { (a, b) } else { (b, a) };
-        let Some(pose_b) = calibrator.station(b.robot).filter(|_| a.robot == frame.robot) else { return };
-        let (belief, Some(position)) = self.belief(frame, &a, &b, pose_b, calibrator) else { return };
-        if belief < LEAST_BELIEF || self.targets.len() >= MAX_TARGETS {
-            return;
+    /// Whether the candidate is a target as it stands: all its tracks are that one's.
+    fn stands(&self, c: &Candidate) -> bool {
+        let mut targets = c.pair.iter().map(|key| self.memories.iter().find(|m| m.is(key.0, key.1))?.bound);
+        let first = targets.next().flatten();
+        first.is_some() && targets.all(|t| t == first)
+    }
+
+    /// Makes a target of tracks, or places one anew that most of them were of. Gives which.
+    fn make_target(
+        &mut self,
+        frame: &Frame<'_>,
+        tracks: &[Key],
+        placed: &[TargetId],
+        calibrator: &Calibrator,
+    ) -> Option<TargetId> {
+        let find = |key: &Key| self.memories.iter().find(|m| m.is(key.0, key.1)).cloned();
+        let members: Vec<(Memory, Pose2)> =
+            tracks.iter().filter_map(|key| Some((find(key)?, calibrator.station(key.0)?))).collect();
+        if members.len() < tracks.len() || self.targets.len() >= MAX_TARGETS {
+            return None;
         }
-        let id = self.recognise(position);
+        let set: Vec<(&Memory, Pose2)> = members.iter().map(|(m, pose)| (m, *pose)).collect();
+        let Explanation { position, .. } = self.explain(&set, frame.at)?;
         let mut target =
             Target::new(position, self.newest, self.config.acceleration_m2ps3, self.config.person_height_m);
-        for (m, pose) in [(&b, pose_b), (&a, frame.pose)] {
-            let range_m = (position - pose.position()).norm();
-            let var = m.sigma_rad.powi(2) + (self.config.axis_sway_m / range_m).powi(2);
-            target.update(&BearingFrom { robot: m.robot, pose, bearing_rad: m.bearing_rad, var, at: m.last });
+        for (m, pose) in &members {
+            target.update(&self.bearing_of(m, pose, position, frame.at));
         }
-        for m in &mut self.memories {
-            if m.is(a.robot, a.track) || m.is(b.robot, b.track) {
-                let _ = m.hit(id, 0.0);
+        let top = Self::top_of(&set, position);
+        let newest = self.newest;
+        let id = self.former(&members, placed, position, top).unwrap_or_else(|| {
+            let seen = |f: &Followed| tracks.iter().any(|(robot, _)| f.is_seen_by(*robot, newest, PRESENT_S));
+            self.recognise(position, top, |f| placed.contains(&f.id) || seen(f))
+        });
+        for m in self.memories.iter_mut().filter(|m| tracks.contains(&(m.robot, m.track))) {
+            if m.bound != Some(id) {
+                m.bind(id);
             }
         }
-        self.pairs.retain(|p| {
-            let gone = |k: (usize, TrackId)| k == (a.robot, a.track) || k == (b.robot, b.track);
-            !gone(p.a) && !gone(p.b)
-        });
-        let observers = vec![(b.robot, b.last), (a.robot, a.last)];
+        let observers: Vec<(usize, Timestamp)> = members.iter().map(|(m, _)| (m.robot, m.last)).collect();
         if let Some(old) = self.targets.iter_mut().find(|f| f.id == id) {
+            target.keep_top(&old.target);
             (old.target, old.observers, old.last) = (target, observers, frame.at);
-            old.absent.clear();
-            return;
+            // What it had beside these is not its own any more.
+            let robots: Vec<usize> = tracks.iter().map(|(robot, _)| *robot).collect();
+            let others =
+                self.memories.iter_mut().filter(|m| m.bound == Some(id) && !tracks.contains(&(m.robot, m.track)));
+            others.filter(|m| robots.contains(&m.robot)).for_each(Memory::release);
+            return Some(id);
         }
         self.targets.push(Followed {
             id,
@@ -278,29 +282,30 @@ impl Follower {
             updates: 2,
             two_robots: true,
             half_width_m: 0.23,
-            misfit: 0.0,
-            absent: Vec::new(),
+            past: Past::default(),
         });
+        Some(id)
     }
 
-    /// The number of a target that was lost nearby of late, or a new one.
-    fn recognise(&mut self, position: Vector2<f64>) -> TargetId {
+    /// Of the targets that the tracks belonged to, the one that keeps its number: that it resembles most, if it resembles it
+    /// at all and the target has not as many tracks elsewhere.
+    fn former(
+        &self,
+        members: &[(Memory, Pose2)],
+        placed: &[TargetId],
+        position: Vector2<f64>,
+        top_m: Option<f64>,
+    ) -> Option<TargetId> {
         let newest = self.newest;
-        self.departed.retain(|d| newest.seconds_since(d.at) < REMEMBERED_S);
-        let reach_m = |since: Timestamp| STRAYED.0 + STRAYED.1 * newest.seconds_since(since);
-        let unseen = self.targets.iter().filter(|f| newest.seconds_since(f.last) > PRESENT_S && f.is_confirmed());
-        let coasting = unseen.map(|f| ((f.target.position() - position).norm(), f.last, f.id));
-        let dropped = self.departed.iter().map(|d| ((d.position - position).norm(), d.at, d.id));
-        let found = coasting
-            .chain(dropped)
-            .filter(|(distance, since, _)| *distance < reach_m(*since))
-            .min_by(|x, y| x.0.total_cmp(&y.0));
-        if let Some((_, _, id)) = found {
-            self.departed.retain(|d| d.id != id);
-            return id;
-        }
-        self.next_id += 1;
-        TargetId(self.next_id - 1)
+        let value = |f: &Followed| {
+            let own = members.iter().filter(|(m, _)| m.bound == Some(f.id)).count();
+            let present = |m: &&Memory| m.bound == Some(f.id) && newest.seconds_since(m.last) < PRESENT_S;
+            let all = self.memories.iter().filter(present).count();
+            let nats = self.resemblance(f, position, top_m);
+            (own > 0 && 2 * own >= all && nats > 0.0).then_some(nats)
+        };
+        let candidates = self.targets.iter().filter(|f| !placed.contains(&f.id));
+        candidates.filter_map(|f| Some((value(f)?, f.id))).max_by(|x, y| x.0.total_cmp(&y.0)).map(|(_, id)| id)
     }
 
     pub(super) fn forget_vacated(&mut self) {

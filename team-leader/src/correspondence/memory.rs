@@ -39,6 +39,8 @@ pub struct Memory {
     pub cue: RangeCue,
     /// Elevation of the top and its sigma.
     pub top: Option<(f64, f64)>,
+    /// Height of the camera that sees it, m.
+    pub camera_height_m: f64,
     /// Frames in which it was seen.
     pub count: u32,
     /// The target it is bound to.
@@ -62,18 +64,33 @@ impl Memory {
     /// An assigned frame of squared distance `d2`: binds, confirms or strikes; true if the frame may update the target.
     pub fn hit(&mut self, target: TargetId, d2: f64) -> bool {
         if self.bound != Some(target) {
-            (self.bound, self.hits, self.strikes) = (Some(target), 0, 0);
+            self.bind(target);
         }
         if d2 > UPDATE_GATE {
-            self.strikes += 1;
-            if self.strikes >= STRIKES {
-                (self.bound, self.hits, self.strikes) = (None, 0, 0);
-            }
+            self.miss();
             return false;
         }
         self.hits += 1;
         self.strikes = 0;
         true
+    }
+
+    /// A frame in which the track is not its target's.
+    pub fn miss(&mut self) {
+        self.strikes += 1;
+        if self.strikes >= STRIKES {
+            self.release();
+        }
+    }
+
+    /// It is a target's from now on.
+    pub fn bind(&mut self, target: TargetId) {
+        (self.bound, self.hits, self.strikes) = (Some(target), 0, 0);
+    }
+
+    /// It is nobody's.
+    pub fn release(&mut self) {
+        (self.bound, self.hits, self.strikes) = (None, 0, 0);
     }
 }
 
@@ -96,6 +113,7 @@ impl Follower {
                         peer: sight.peer,
                         cue: sight.cue,
                         top: sight.top,
+                        camera_height_m: frame.camera.height_m,
                         count: 1,
                         bound: None,
                         hits: 0,

@@ -97,7 +97,7 @@ impl Follower {
             let m = BearingFrom { robot: frame.robot, pose: frame.pose, bearing_rad, var, at: frame.at };
             let followed = &self.targets[member.target];
             let innovation = followed.target.innovation(&m);
-            if gate_distance2(&innovation, &followed.target, &m, calibrator) < END_GATE {
+            if gate_distance2(&innovation, &followed.target, &m, calibrator).0 < END_GATE {
                 self.use_bearing(member.target, &m);
             }
         }

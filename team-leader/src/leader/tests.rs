@@ -58,6 +58,23 @@ fn clutter_and_people_in_pieces_do_not_make_people() {
 }
 
 #[test]
+fn people_are_followed_by_robots_that_lose_and_exchange_and_invent_them() {
+    let mut total = Score::default();
+    for seed in 60..64 {
+        let score = run(&Settings::unkind(), seed);
+        println!("seed {seed}: {score}");
+        total.merge(&score);
+    }
+    println!("unkind: {total}");
+    // Far from the exam's 95 %, 0.15 m and one switch a minute: this is where the leader stands (85 %, 0.15 m, 14 a minute),
+    // so that a step back shows.
+    assert!(total.coverage() > 0.82, "{total}");
+    assert!(total.targets_m() < 0.165, "{total}");
+    assert!(total.id_switches <= 70, "{total}");
+    assert!(total.false_per_map() < 0.8, "{total}");
+}
+
+#[test]
 fn a_start_with_everybody_moving_ends_in_a_right_map_soon_after_the_last_stop() {
     for seed in 20..26 {
         let settings = Settings {

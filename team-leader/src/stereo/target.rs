@@ -203,6 +203,11 @@ impl Target {
         self.top_seen = true;
     }
 
+    /// Takes over the height of the top from what was known of the same object before.
+    pub fn keep_top(&mut self, before: &Self) {
+        (self.top_m, self.top_seen) = (before.top_m, before.top_seen);
+    }
+
     /// The robot's pose was corrected by `shift` (x, y, heading).
     pub fn shift(&mut self, robot: usize, shift: &Vector3<f64>) {
         if let Some((_, d)) = self.dependence.iter().find(|(r, _)| *r == robot) {

@@ -40,10 +40,33 @@ pub struct Settings {
     pub clutter: usize,
     /// Share of the time in which a near person falls into two tracks.
     pub split: f64,
+    /// How often a second a robot loses sight of a person for 1 to 4 s; it comes back under another number.
+    pub losses_per_s: f64,
+    /// Chance that a robot goes on with exchanged numbers when two people pass each other in its picture.
+    pub exchanges: f64,
+    /// Share of bearings that are off by half a body.
+    pub outliers: f64,
+    /// Stated sigmas are wrong by factors of this spread (standard deviation of the logarithm), the same over a track's life.
+    pub sigma_spread: f64,
     /// Names of the robots in the order of the world.
     pub names: Vec<&'static str>,
     /// Given places instead of random ones.
     pub places: Option<Vec<[f64; 3]>>,
+}
+
+impl Settings {
+    /// As recorded observations of rendered pictures are.
+    pub fn unkind() -> Self {
+        Self {
+            clutter: 2,
+            split: 0.2,
+            losses_per_s: 0.08,
+            exchanges: 0.3,
+            outliers: 0.05,
+            sigma_spread: 0.4,
+            ..Self::default()
+        }
+    }
 }
 
 impl Default for Settings {
@@ -62,6 +85,10 @@ impl Default for Settings {
             regions: false,
             clutter: 0,
             split: 0.0,
+            losses_per_s: 0.0,
+            exchanges: 0.0,
+            outliers: 0.0,
+            sigma_spread: 0.0,
             names: vec!["r1", "r2", "r3", "r4", "r5"],
             places: None,
         }
@@ -85,6 +112,10 @@ pub struct RobotTruth {
     clutter: Vec<([f64; 2], f64, u32)>,
     /// People in two pieces: who, until when, numbers.
     split: BTreeMap<usize, (f64, u32)>,
+    /// People it has lost sight of, until when.
+    lost: BTreeMap<usize, f64>,
+    /// Pairs of people, and which is further left in its picture.
+    order: BTreeMap<(usize, usize), bool>,
 }
 
 #[derive(Debug, Clone)]
@@ -179,6 +210,8 @@ impl World {
                 next_track: 0,
                 clutter: Vec::new(),
                 split: BTreeMap::new(),
+                lost: BTreeMap::new(),
+                order: BTreeMap::new(),
             });
         }
         let common_bias = normal(&mut rng, settings.common_bias_deg.to_radians());
@@ -481,7 +514,13 @@ impl World {
         for p in &mut self.people {
             p.seen_by.retain(|r| *r != k);
         }
+        self.lose_and_exchange(k, &things);
         for (n, b, d, half, height) in things.clone() {
+            if self.robots[k].lost.contains_key(&n) {
+                // It could be seen.
+                self.people[n].seen_by.push(k);
+                continue;
+            }
             // Regions that touch are one.
             let mut group: Vec<usize> = vec![n];
             loop {
@@ -550,6 +589,12 @@ impl World {
                 width = high - low;
                 sigma = sigma.max(0.3 * width);
             }
+            if self.settings.outliers > 0.0 && self.rng.random_range(0.0..1.0) < self.settings.outliers {
+                bearing += normal(&mut self.rng, half);
+            }
+            // The same for a track's life, without a memory: from its number.
+            let stated =
+                (self.settings.sigma_spread * f64::from(entry.0 * 7 % 5) - 2.0 * self.settings.sigma_spread).exp();
             let (bottom, top) = ((-15f64).to_radians(), 20f64.to_radians());
             let low = (-0.6 / d).atan() + normal(&mut self.rng, 0.005);
             let high = ((height - 0.6) / d).atan() + normal(&mut self.rng, 0.005);
@@ -558,7 +603,7 @@ impl World {
                 track: TrackId(entry.0),
                 state: if merged && !speaks { TrackState::Merged } else { TrackState::Visible },
                 bearing: Angle16::from_rad(bearing),
-                bearing_sigma: LogSigma::from_value(sigma),
+                bearing_sigma: LogSigma::from_value(sigma * stated),
                 elevation: [Angle16::from_rad(low.max(bottom)), Angle16::from_rad(high.min(top))],
                 elevation_sigma: LogSigma::from_value(0.005),
                 ends: [end(low < bottom), end(high > top)],
@@ -571,6 +616,39 @@ impl World {
         }
         self.clutter(k, &mut observations);
         observations
+    }
+
+    /// Robot `k` loses people and exchanges numbers. `things`: number, bearing, range, half width, height.
+    fn lose_and_exchange(&mut self, k: usize, things: &[(usize, f64, f64, f64, f64)]) {
+        let t = self.time_s;
+        let settings = self.settings.clone();
+        self.robots[k].lost.retain(|_, until| *until > t);
+        let people: Vec<(usize, f64, f64)> = things.iter().filter(|x| x.0 < 100).map(|x| (x.0, x.1, x.3)).collect();
+        for (n, bearing, half) in &people {
+            if settings.losses_per_s > 0.0
+                && !self.robots[k].lost.contains_key(n)
+                && self.rng.random_range(0.0..1.0) < 0.1 * settings.losses_per_s
+            {
+                let until = t + self.rng.random_range(1.0..4.0);
+                self.robots[k].lost.insert(*n, until);
+                self.robots[k].tracks.remove(n);
+            }
+            for (m, other, other_half) in people.iter().filter(|p| p.0 > *n) {
+                let apart = wrapped(bearing - other);
+                let passed =
+                    self.robots[k].order.insert((*n, *m), apart > 0.0).is_some_and(|left| left != (apart > 0.0));
+                if !passed || apart.abs() > half + other_half || settings.exchanges == 0.0 {
+                    continue;
+                }
+                let tracks = &mut self.robots[k].tracks;
+                if let (Some(x), Some(y)) = (tracks.get(n).copied(), tracks.get(m).copied())
+                    && self.rng.random_range(0.0..1.0) < settings.exchanges
+                {
+                    tracks.insert(*n, y);
+                    tracks.insert(*m, x);
+                }
+            }
+        }
     }
 
     /// What is nobody, and people in two pieces.

@@ -1,0 +1,148 @@
+//! Who is who: whether what is found at a place is a target that was known before.
+//!
+//! Two things tell. A target goes on from where it was: its states of the last seconds are kept, because the newest may
+//! already be of a wrong pair of tracks. And it keeps its height: the top over the floor, seen from any side; hands, chairs
+//! and other people hide tops, so a lower one says little.
+
+use std::collections::VecDeque;
+use std::f64::consts::TAU;
+
+use nalgebra::Vector2;
+use protocol::frames::Pose2;
+use protocol::id::TargetId;
+use protocol::time::Timestamp;
+
+use super::likelihood::log_student;
+use super::memory::Memory;
+use super::{Followed, Follower, PRESENT_S};
+
+/// States of a target that are kept: how many, and how far apart, seconds.
+const MOST_STATES: usize = 12;
+const STATES_APART_S: f64 = 0.2;
+/// States younger than this may be of a wrong pair already, seconds.
+const DOUBTFUL_S: f64 = 0.6;
+/// How far from a state's prediction a target is after so long: metres, m/s, metres at most.
+const STRAYED: (f64, f64, f64) = (0.3, 0.5, 2.5);
+/// A velocity leads so far, seconds.
+const HEADED_S: f64 = 1.0;
+/// Standard deviation of a top seen by one frame, metres, and the part of tops that are somebody's hand or hat.
+const TOP_M: f64 = 0.06;
+const WRONG_TOP: f64 = 0.3;
+/// What a new target is worth against an old one: densities of places (1/m²) and of tops (1/m) of anybody.
+const NEW_PLACE: f64 = 1.0 / 40.0;
+const NEW_TOP: f64 = 1.5;
+/// How long a dropped target may get its number back, seconds.
+const REMEMBERED_S: f64 = 12.0;
+/// Most dropped targets remembered.
+const MAX_DEPARTED: usize = 64;
+
+/// Where a target was of late.
+#[derive(Debug, Clone, Default)]
+pub struct Past(VecDeque<(Timestamp, Vector2<f64>, Vector2<f64>)>);
+
+impl Past {
+    /// Keeps a state, now and then.
+    pub fn keep(&mut self, at: Timestamp, position: Vector2<f64>, velocity: Vector2<f64>) {
+        if self.0.back().is_none_or(|(last, ..)| at.seconds_since(*last) >= STATES_APART_S) {
+            self.0.push_back((at, position, velocity));
+        }
+        if self.0.len() > MOST_STATES {
+            self.0.pop_front();
+        }
+    }
+
+    /// Log-density (1/m²) of `position` at `now`, by the state that explains it best.
+    fn log_density(&self, position: Vector2<f64>, now: Timestamp) -> f64 {
+        let age_s = |at: &Timestamp| now.seconds_since(*at);
+        let trusted = self.0.iter().filter(|(at, ..)| age_s(at) >= DOUBTFUL_S).count();
+        let states = self.0.iter().filter(|(at, ..)| trusted == 0 || age_s(at) >= DOUBTFUL_S);
+        let densities = states.map(|(at, was, velocity)| {
+            let sigma = (STRAYED.0 + STRAYED.1 * age_s(at)).min(STRAYED.2);
+            let apart = (position - was - velocity * age_s(at).min(HEADED_S)).norm();
+            log_student((apart / sigma).powi(2), sigma * sigma) - 0.5 * (TAU * sigma * sigma).ln()
+        });
+        densities.fold(f64::NEG_INFINITY, f64::max)
+    }
+}
+
+impl Follower {
+    /// Keeps the states of all targets that have been measured.
+    pub(super) fn keep_past(&mut self) {
+        let newest = self.newest;
+        for f in self.targets.iter_mut().filter(|f| newest.seconds_since(f.last) < PRESENT_S) {
+            f.past.keep(newest, f.target.position(), f.target.velocity());
+        }
+    }
+
+    /// How much speaks for a target being at `position` with a top there, nats against anybody else.
+    pub(super) fn resemblance(&self, known: &Followed, position: Vector2<f64>, top_m: Option<f64>) -> f64 {
+        let by_place = known.past.log_density(position, self.newest) - NEW_PLACE.ln();
+        let ((mean, var), seen) = known.target.top_m();
+        let by_top = top_m.filter(|_| seen).map_or(0.0, |top| {
+            let var = var + TOP_M * TOP_M;
+            let right = (-0.5 * (top - mean).powi(2) / var).exp() / (TAU * var).sqrt();
+            ((1.0 - WRONG_TOP) * right / NEW_TOP + WRONG_TOP).ln()
+        });
+        by_place + by_top
+    }
+
+    /// The highest top that tracks show of something at `position`, metres above the floor.
+    pub(super) fn top_of(tracks: &[(&Memory, Pose2)], position: Vector2<f64>) -> Option<f64> {
+        let top = |(m, pose): &(&Memory, Pose2)| {
+            let (elevation, _) = m.top?;
+            Some(m.camera_height_m + (position - pose.position()).norm() * elevation.tan())
+        };
+        tracks.iter().filter_map(top).max_by(f64::total_cmp)
+    }
+
+    /// The number for something new at `position`: of a target that was lost and that it resembles, or a new one. `taken`
+    /// says which targets are somewhere else for certain.
+    pub(super) fn recognise(
+        &mut self,
+        position: Vector2<f64>,
+        top_m: Option<f64>,
+        taken: impl Fn(&Followed) -> bool,
+    ) -> TargetId {
+        let newest = self.newest;
+        self.departed.retain(|d| newest.seconds_since(d.last) < REMEMBERED_S);
+        let coasting = self.targets.iter().filter(|f| f.is_confirmed() && !taken(f));
+        let found = coasting
+            .chain(&self.departed)
+            .map(|f| (self.resemblance(f, position, top_m), f.id))
+            .filter(|(nats, _)| *nats > 0.0)
+            .max_by(|x, y| x.0.total_cmp(&y.0));
+        if let Some((_, id)) = found {
+            self.departed.retain(|d| d.id != id);
+            return id;
+        }
+        self.next_id += 1;
+        TargetId(self.next_id - 1)
+    }
+
+    /// Remembers a target that is dropped.
+    pub(super) fn remember_departed(&mut self, followed: Followed) {
+        if self.departed.len() >= MAX_DEPARTED {
+            self.departed.remove(0);
+        }
+        self.departed.push(followed);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_walker_is_expected_ahead_and_the_last_wrong_state_does_not_count() {
+        let at = |s: f64| Timestamp::from_secs_f64(1000.0 + s);
+        let mut past = Past::default();
+        for k in 0..10 {
+            let t = 0.2 * f64::from(k);
+            past.keep(at(t), Vector2::new(t, 0.0), Vector2::new(1.0, 0.0));
+        }
+        past.keep(at(2.0), Vector2::new(5.0, 5.0), Vector2::zeros());
+        let density = |x: f64, y: f64| past.log_density(Vector2::new(x, y), at(2.1));
+        assert!(density(2.1, 0.0) > density(1.2, 0.0) + 0.5);
+        assert!(density(2.1, 0.0) > density(5.0, 5.0) + 3.0);
+    }
+}
