@@ -11,6 +11,9 @@ use super::observation::Observations;
 
 /// Views are left out one at a time up to this many views, else in this many groups.
 const MAX_FOLDS: usize = 20;
+/// Terms of misalignment that lower the error on unseen views by more than this share are a misalignment. Fewer would move
+/// the centre by pixels for hundredths of a pixel in the residuals.
+const MISALIGNED: f64 = 0.2;
 /// Fewer views are too few to leave some out.
 const MIN_VIEWS: usize = 3;
 
@@ -40,7 +43,35 @@ pub struct Selection {
     pub chosen: usize,
 }
 
+impl Judged {
+    /// The same model without the terms of misalignment, where this one has them and both were fitted.
+    fn aligned<'a>(&self, judged: &'a [Self]) -> Option<&'a Self> {
+        let aligned = match self.name.strip_suffix(", radial and tangential") {
+            Some(model) => format!("{model}, radial"),
+            None => self.name.strip_suffix(", misaligned")?.to_owned(),
+        };
+        judged.iter().find(|j| j.name == aligned)
+    }
+
+    /// Whether the terms of misalignment, if it has any, are worth it.
+    fn is_justified(&self, judged: &[Self]) -> bool {
+        match (self.unseen_rms_px, self.aligned(judged).and_then(|a| a.unseen_rms_px)) {
+            (Some(with), Some(without)) => with <= (1.0 - MISALIGNED) * without,
+            _ => true,
+        }
+    }
+}
+
 impl Selection {
+    /// The best of the models that were fitted with and without misalignment, if it is worth it: with, without.
+    pub fn misaligned(&self) -> Option<(&Judged, &Judged)> {
+        let unseen = |j: &Judged| j.unseen_rms_px.unwrap_or(f64::INFINITY);
+        let pairs = self.judged.iter().filter_map(|with| Some((with, with.aligned(&self.judged)?)));
+        let (with, without) = pairs.min_by(|a, b| unseen(a.0).total_cmp(&unseen(b.0)))?;
+        (with.unseen_rms_px.is_some() && without.unseen_rms_px.is_some() && with.is_justified(&self.judged))
+            .then_some((with, without))
+    }
+
     /// The chosen one.
     pub fn best(&self) -> &Judged {
         &self.judged[self.chosen]
@@ -121,10 +152,11 @@ fn unseen(observations: &Observations, fit: &Fit) -> Option<Vec<f64>> {
     Some(squares)
 }
 
-/// The simplest candidate that is not distinguishably worse on unseen views than the best.
+/// Among those whose terms of misalignment are worth it, the simplest candidate that is not distinguishably worse on unseen views than the best.
 fn choose(judged: &[Judged]) -> Option<usize> {
     let score = |j: &Judged| j.unseen_rms_px.unwrap_or(f64::INFINITY);
-    let best = (0..judged.len()).min_by(|a, b| {
+    let justified = || (0..judged.len()).filter(|i| judged[*i].is_justified(judged));
+    let best = justified().min_by(|a, b| {
         let criterion = |i: usize| judged[i].information_criterion;
         score(&judged[*a]).total_cmp(&score(&judged[*b])).then(criterion(*a).total_cmp(&criterion(*b)))
     })?;
@@ -143,5 +175,5 @@ fn choose(judged: &[Judged]) -> Option<usize> {
         mean < (variance / n).sqrt()
     };
     let unknowns = |i: &usize| judged[*i].fit.camera.unknowns().len();
-    (0..judged.len()).filter(as_good).min_by_key(unknowns)
+    justified().filter(as_good).min_by_key(unknowns)
 }

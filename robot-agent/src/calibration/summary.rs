@@ -13,8 +13,6 @@ use crate::optics::{bearing_rad, elevation_rad};
 const CELLS: usize = 12;
 /// An unseen view may be this much worse than the fit before the fit is called too rich for its data.
 const OVERFIT: f64 = 1.15;
-/// Tangential terms that lower the error on unseen views by more than this share are a misalignment.
-const MISALIGNED: f64 = 0.2;
 
 /// A finished calibration with everything that is told about it.
 #[derive(Debug)]
@@ -118,20 +116,8 @@ impl<'a> Summary<'a> {
 
     /// Whether the camera had to be set askew to its optics.
     fn misalignment(&self) -> Option<String> {
-        // Of the models that were fitted both ways the one that fits best.
-        let unseen = |j: &&Judged| j.unseen_rms_px.unwrap_or(f64::INFINITY);
-        let pairs = self.selection.judged.iter().filter_map(|with| {
-            let aligned = match with.name.strip_suffix(", radial and tangential") {
-                Some(model) => format!("{model}, radial"),
-                None => with.name.strip_suffix(", misaligned")?.to_owned(),
-            };
-            Some((with, self.selection.judged.iter().find(|j| j.name == aligned)?))
-        });
-        let (with, without) = pairs.min_by(|a, b| unseen(&a.0).total_cmp(&unseen(&b.0)))?;
+        let (with, without) = self.selection.misaligned()?;
         let (a, b) = (with.unseen_rms_px?, without.unseen_rms_px?);
-        if a > (1.0 - MISALIGNED) * b {
-            return None;
-        }
         let centre = |j: &Judged| Vector2::from(numbers(&j.fit.camera, "centre_px"));
         Some(format!(
             "The mirror or lens is misaligned against the sensor: without tangential terms the error is {b:.2} px instead of {a:.2} \
