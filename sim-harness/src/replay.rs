@@ -123,7 +123,7 @@ pub fn write(outcome: &Outcome, path: &Path) -> Result<(), TeamError> {
 }
 
 impl Recording {
-    /// Reads a file of [`write`], or that of a run's folder.
+    /// Reads a file of [`write()`], or that of a run's folder.
     pub fn read(path: &Path) -> Result<Self, TeamError> {
         let path = if path.is_dir() { path.join(FILE) } else { path.to_owned() };
         let fault = |reason: String| TeamError::Recording { file: path.clone(), reason };

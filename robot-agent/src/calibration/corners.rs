@@ -3,8 +3,8 @@
 //! Problem: detectors for ordinary lenses look for straight lines or square quads; in a panoramic picture the squares are
 //! bent, of very different sizes, and the rest of the room is full of other corners. Insight: a corner of a board is a
 //! saddle of the gray values, its two edges are the directions without curvature, and neighbours on the board see the same
-//! edge with bright and dark exchanged. So: saddles ([`saddle`]), linked from neighbour to neighbour only where both agree
-//! on the edge, its polarity and the contrast along it, and labelled by walking the links ([`grid`]). What one blur does
+//! edge with bright and dark exchanged. So: saddles (`saddle`), linked from neighbour to neighbour only where both agree
+//! on the edge, its polarity and the contrast along it, and labelled by walking the links (`grid`). What one blur does
 //! not show, a wider one may.
 
 mod grid;
