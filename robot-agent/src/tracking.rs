@@ -1,9 +1,10 @@
 //! Following moving objects (report section VI, `MATHS.md` §7.10 and §7.11; golden groups `association`, `bhattacharyya`,
 //! `distance.ground`).
 //!
-//! Objects come from [`crate::motion`] frame by frame, without names. A track keeps a name: optimal assignment on position,
-//! size and aspect ratio finds it again; when people meet, their one region is taken apart by what they looked like alone
-//! (see `group`), and after they part, position and frozen appearance say who is who. What leaves here are bearings to the
+//! Objects come from [`crate::motion`] frame by frame, without names; a track keeps a name. In a panorama from a known height
+//! it is found again by the figure that a person makes there (see `people`). Elsewhere optimal assignment on position, size
+//! and aspect ratio finds it; when people meet, their one region is taken apart by what they looked like alone (see `group`),
+//! and after they part, position and frozen appearance say who is who. What leaves here are bearings to the
 //! body's axis with honest sigmas, elevation intervals whose ends say what they are, and ranges only from seen feet.
 
 mod appearance;
@@ -18,7 +19,6 @@ mod people;
 mod range;
 #[cfg(test)]
 mod reality;
-mod split;
 mod track;
 mod view;
 
@@ -172,16 +172,8 @@ impl Tracker {
 
     /// A frame in which objects are what their regions are.
     fn step_regions(&mut self, scene: &Scene<'_>, capture: Timestamp) {
-        let mut objects = Vec::new();
-        let mut regions: Vec<Region> = Vec::new();
-        for object in self.usable_objects(scene) {
-            let bodies = match self.view.upright_row() {
-                Some(row) => split::split(&object.region, scene, row),
-                None => vec![object.region.clone()],
-            };
-            objects.extend(std::iter::repeat_n(object, bodies.len()));
-            regions.extend(bodies);
-        }
+        let objects = self.usable_objects(scene);
+        let mut regions: Vec<Region> = objects.iter().map(|o| o.region.clone()).collect();
         let mut bodies: Vec<Body> = regions.iter().map(|r| Body::measure(r, scene)).collect();
         let looks: Vec<Appearance> = regions.iter().map(|r| Appearance::of(r, scene)).collect();
 
@@ -218,11 +210,7 @@ impl Tracker {
     /// The robot moves, or there is no background: all tracks end.
     pub fn suspend(&mut self, capture: Timestamp) {
         self.last = Some(capture);
-        for track in std::mem::take(&mut self.tracks) {
-            if track.announced {
-                self.events.push(AlarmKind::PersonLeft(track.id));
-            }
-        }
+        self.keep_tracks(|_| false);
         self.areas.clear();
         self.holds = Holds::default();
     }
@@ -506,22 +494,28 @@ impl Tracker {
     }
 
     fn end_tracks(&mut self, now: Timestamp) {
-        let settings = &self.settings;
-        let mut left = Vec::new();
-        self.tracks.retain(|t| {
-            let keep = if t.confirmed {
-                now.seconds_since(t.seen) <= settings.hidden_s
-                    && now.seconds_since(t.supported) <= if t.has_come() { settings.unsupported_s } else { 0.5 }
+        let TrackerSettings { hidden_s, unsupported_s, .. } = self.settings;
+        self.keep_tracks(|t| {
+            if t.confirmed {
+                now.seconds_since(t.seen) <= hidden_s
+                    && now.seconds_since(t.supported) <= if t.has_come() { unsupported_s } else { 0.5 }
                     && (t.has_come() || now.seconds_since(t.moved) <= STUCK_S)
             } else {
                 t.misses < 2 && now.seconds_since(t.born) <= STUCK_S
-            };
+            }
+        });
+    }
+
+    /// Ends the other tracks, and says so of those that were announced.
+    fn keep_tracks(&mut self, keep: impl Fn(&Track) -> bool) {
+        let events = &mut self.events;
+        self.tracks.retain(|t| {
+            let keep = keep(t);
             if !keep && t.announced {
-                left.push(AlarmKind::PersonLeft(t.id));
+                events.push(AlarmKind::PersonLeft(t.id));
             }
             keep
         });
-        self.events.append(&mut left);
     }
 
     fn update_holds(&mut self, now: Timestamp) {

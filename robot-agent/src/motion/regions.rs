@@ -40,7 +40,7 @@ impl Region {
     pub fn joined(parts: &[&Self], raster: &Raster) -> Self {
         let mut runs: Vec<Run> = parts.iter().flat_map(|p| p.runs.iter().copied()).collect();
         runs.sort_unstable_by_key(|r| (r.row, r.start));
-        Self::from_runs(runs, raster, &mut Vec::new())
+        Self::of_runs(runs, raster)
     }
 
     /// The part of a region in some of its arc's columns, counted from the arc's first; `None` where nothing is there.
@@ -54,7 +54,7 @@ impl Region {
                 runs.push(Run { row: run.row, start: run.start + (from - offset) as u32, len: (to - from) as u32 });
             }
         }
-        (!runs.is_empty()).then(|| Self::from_runs(runs, raster, &mut Vec::new()))
+        (!runs.is_empty()).then(|| Self::of_runs(runs, raster))
     }
 
     /// From runs in the order of rows; at least one.

@@ -213,10 +213,13 @@ impl Figures {
             .collect();
         let mut order: Vec<usize> = (0..sought.len()).collect();
         order.sort_by(|a, b| sought[*a].range_m.total_cmp(&sought[*b].range_m));
+        // Who stands beside somebody known, taken for one with him until now.
+        let mut beside: Vec<Place> = Vec::new();
         for round in 0..ROUNDS {
             let before = places.clone();
             for &k in &order {
-                let rest = self.rest(places.iter().enumerate().filter(|(j, _)| *j != k).map(|(_, p)| p));
+                let others = places.iter().enumerate().filter(|(j, _)| *j != k).map(|(_, p)| p);
+                let rest = self.rest(others.chain(&beside));
                 places[k] = self.best_place(&sought[k], &choices[k], &rest);
                 if round == 0
                     && let Some(pair) = self.two_instead(&places[k], &rest)
@@ -224,7 +227,9 @@ impl Figures {
                     let away =
                         |p: &Place| self.raster.column_difference(self.column_of(p.cell), sought[k].column).abs();
                     let [a, b] = pair;
-                    places[k] = if away(&a) <= away(&b) { a } else { b };
+                    let (nearer, other) = if away(&a) <= away(&b) { (a, b) } else { (b, a) };
+                    places[k] = nearer;
+                    beside.push(other);
                 }
             }
             if round > 0 && places == before {

@@ -85,7 +85,7 @@ impl Tracker {
             }
         }
         // Whom nothing speaks for that seniors do not explain is a part of them.
-        self.tracks.retain(|t| t.evidence > LEAST_MEAN_EVIDENCE);
+        self.keep_tracks(|t| t.evidence > LEAST_MEAN_EVIDENCE);
         self.figures = Some(figures);
     }
 

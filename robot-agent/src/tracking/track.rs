@@ -85,7 +85,7 @@ pub(super) struct Sighting {
     pub(super) axis_sigma: f64,
     pub(super) arc: Arc,
     pub(super) rows: [usize; 2],
-    /// Distance at which the figure fits.
+    /// Distance at which the figure fits; of no meaning where there are none.
     pub(super) range_m: f64,
     /// Columns of shoulders at that distance.
     pub(super) trunk_width: f64,
@@ -100,61 +100,48 @@ pub(super) struct Sighting {
     pub(super) appearance: Appearance,
 }
 
+impl Sighting {
+    /// Centre row, width and height of the box.
+    fn shape(&self) -> [f64; 3] {
+        let [top, bottom] = self.rows.map(|r| r as f64);
+        [(top + bottom) / 2.0, self.arc.width as f64, bottom - top + 1.0]
+    }
+}
+
 impl Track {
+    /// Somebody new, by the region.
     pub(super) fn new(id: TrackId, body: &Body, appearance: Appearance, now: Timestamp, raster: &Raster) -> Self {
-        let mut track = Self {
-            id,
-            confirmed: false,
-            state: TrackState::Visible,
-            filter: AxisFilter::new(body.axis, sigma_alone(body.trunk_width, shape_of(body).h), 2.0 * body.trunk_width),
-            shape: Shape { x: 0.0, y: 0.0, w: 1.0, h: 1.0 },
-            arc: body.arc,
-            rows: body.rows,
-            trunk_width: body.trunk_width,
-            template: body.strip.clone(),
-            axis_offset: body.axis_offset(raster),
-            appearance,
+        let sighting = Sighting {
             axis: body.axis,
             axis_sigma: sigma_alone(body.trunk_width, shape_of(body).h),
-            extent: None,
-            votes: Votes::default(),
-            hits: 1,
-            misses: 0,
-            moving_hits: 1,
-            supported: now,
-            born: now,
-            born_at: body.axis,
-            travelled: 0.0,
-            seen: now,
-            moved: now,
-            merged_since: None,
-            group_width: 0.0,
-            turning_point: None,
-            announced: false,
+            arc: body.arc,
+            rows: body.rows,
+            range_m: 1.0,
+            trunk_width: body.trunk_width,
+            alone: true,
+            apart: true,
+            moves: true,
             support: 1.0,
             feet_hidden: false,
-            log_range: 0.0,
-            log_range_sigma: 1.0,
-            figure_shape: FigureShape::default(),
-            evidence: 0.5,
+            appearance,
         };
-        track.shape = shape_of(body);
-        track
+        Self {
+            shape: shape_of(body),
+            template: body.strip.clone(),
+            axis_offset: body.axis_offset(raster),
+            ..Self::of_figure(id, sighting, now)
+        }
     }
 
     /// Somebody new, by the figure.
     pub(super) fn of_figure(id: TrackId, s: Sighting, now: Timestamp) -> Self {
+        let [y, w, h] = s.shape();
         Self {
             id,
             confirmed: false,
             state: TrackState::Visible,
             filter: AxisFilter::new(s.axis, s.axis_sigma, 2.0 * s.trunk_width),
-            shape: Shape {
-                x: 0.0,
-                y: (s.rows[0] + s.rows[1]) as f64 / 2.0,
-                w: s.arc.width as f64,
-                h: (s.rows[1] - s.rows[0] + 1) as f64,
-            },
+            shape: Shape { x: 0.0, y, w, h },
             arc: s.arc,
             rows: s.rows,
             trunk_width: s.trunk_width,
@@ -222,8 +209,7 @@ impl Track {
             self.log_range += gain * (s.range_m.ln() - self.log_range);
             self.log_range_sigma *= (1.0 - gain).sqrt();
         }
-        let found = [(s.rows[0] + s.rows[1]) as f64 / 2.0, s.arc.width as f64, (s.rows[1] - s.rows[0] + 1) as f64];
-        for (old, new) in [&mut self.shape.y, &mut self.shape.w, &mut self.shape.h].into_iter().zip(found) {
+        for (old, new) in [&mut self.shape.y, &mut self.shape.w, &mut self.shape.h].into_iter().zip(s.shape()) {
             *old += 0.4 * (new - *old);
         }
         if s.alone {
