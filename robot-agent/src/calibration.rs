@@ -5,6 +5,7 @@
 //! corner files ────────┴▶ observations ─▶ bundle (camera, poses) ─▶ selection ─▶ camera.toml, report
 //! ```
 
+pub mod axis;
 pub mod bars;
 pub mod board;
 pub mod bundle;

@@ -76,12 +76,18 @@ struct Canvas {
 }
 
 impl Renderer {
-    /// A renderer for each robot, in the world's order. They share what can be shared.
+    /// A renderer for each robot, in the world's order, each with its camera's tilt. They share what can be shared.
     pub fn team(world: &Arc<World>) -> Vec<Self> {
         let scene = Arc::new(Scene::new(world));
-        let rays = Arc::new(Rays::trace(world.camera()));
-        let mut team: Vec<Self> =
-            (0..world.robots().len()).map(|robot| Self::new(world, &scene, &rays, robot)).collect();
+        let mut traced: Vec<([f64; 2], Arc<Rays>)> = Vec::new();
+        let mut team: Vec<Self> = Vec::new();
+        for (n, robot) in world.robots().iter().enumerate() {
+            let tilt_deg = world.camera().tilt_deg(&robot.id);
+            let known = traced.iter().find(|(tilt, _)| *tilt == tilt_deg).map(|(_, rays)| rays.clone());
+            let rays = known.unwrap_or_else(|| Arc::new(Rays::trace_tilted(world.camera(), tilt_deg)));
+            team.push(Self::new(world, &scene, &rays, n));
+            traced.push((tilt_deg, rays));
+        }
         let clothes: Arc<[Clothes]> = camouflage::dress(world, &mut team).into();
         team.iter_mut().for_each(|r| r.clothes = clothes.clone());
         team

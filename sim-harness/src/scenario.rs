@@ -14,7 +14,7 @@ use protocol::id::RobotId;
 use protocol::marker::{Look, Marker, Ring};
 use serde::{Deserialize, Serialize};
 
-pub use camera::CameraSpec;
+pub use camera::{CameraSpec, TiltSpec};
 pub use room::{FurnitureKind, FurnitureSpec, LampSpec, RoomSpec};
 
 /// Why a scenario cannot be used.
@@ -202,9 +202,14 @@ impl Scenario {
         (1..=self.robots.count).filter_map(|n| RobotId::new(&format!("r{n}")).ok()).collect()
     }
 
-    /// The calibration file that every agent gets: the truth about the simulated camera.
+    /// The calibration file of a camera that stands upright: the truth about the simulated camera.
     pub fn camera_toml(&self) -> String {
         self.camera.toml()
+    }
+
+    /// The calibration file that a robot's agent gets: the truth, but for a tilt that is not known.
+    pub fn camera_toml_of(&self, robot: &RobotId) -> String {
+        self.camera.toml_of(robot)
     }
 
     /// What every robot wears.
@@ -238,6 +243,28 @@ mod tests {
         let text = "name = \"x\"\nduration_s = 1.0\n[people]\nheight_m = [155.0, 190.0]\n";
         let text = Scenario::parse(text, "x.toml").unwrap_err().to_string();
         assert!(text.contains("people.height_m") && text.contains("155") && text.contains("metres"), "{text}");
+    }
+
+    #[test]
+    fn tilts_are_in_the_camera_file_only_where_they_are_known() {
+        let tilt = |robot: &str, more: &str| {
+            format!("[[camera.tilts]]\nrobot = \"{robot}\"\ntilt_deg = [1.5, -2.0]\n{more}\n")
+        };
+        let text = format!("name = \"x\"\nduration_s = 1.0\n{}{}", tilt("r1", ""), tilt("r2", "known = false"));
+        let scenario = Scenario::parse(&text, "x.toml").unwrap();
+        let files: Vec<String> = scenario.robot_ids().iter().map(|id| scenario.camera_toml_of(id)).collect();
+        assert!(files[0].ends_with("[mounting]\nheight_m = 0.6\ntilt_deg = [1.5, -2.0]\n"), "{}", files[0]);
+        assert!(files[1] == scenario.camera_toml() && files[2] == files[1]);
+        assert_eq!(scenario.camera.tilt_deg(&scenario.robot_ids()[1]), [1.5, -2.0]);
+        let head = "name = \"x\"\nduration_s = 1.0\n";
+        for (wrong, said) in [
+            (tilt("r9", ""), "r1, r2, r3"),
+            (tilt("r1", "") + &tilt("r1", ""), "once"),
+            (tilt("r1", "").replace("1.5", "15.0"), "degrees"),
+        ] {
+            let error = Scenario::parse(&format!("{head}{wrong}"), "x.toml").unwrap_err().to_string();
+            assert!(error.contains("camera.tilts") && error.contains(said), "{error}");
+        }
     }
 
     #[test]

@@ -17,6 +17,7 @@ pub mod output;
 pub mod simulated;
 pub mod truth;
 
+use std::collections::BTreeMap;
 use std::path::Path;
 
 use protocol::id::{LeaderId, NameError, RobotId, TeamId};
@@ -88,6 +89,8 @@ pub struct TeamSettings {
     pub names: Option<Vec<RobotId>>,
     /// Links of a simulated network.
     pub network: NetworkSettings,
+    /// Text of the camera files that some robots (as the world names them) get instead of the scenario's.
+    pub cameras: BTreeMap<RobotId, String>,
 }
 
 impl TeamSettings {
@@ -117,9 +120,10 @@ pub(crate) fn leader_id() -> Result<LeaderId, NameError> {
     LeaderId::new("leader")
 }
 
-/// The camera as the agents read it, from the text of `camera.toml`.
-fn camera(scenario: &Scenario) -> Result<MountedCamera, TeamError> {
-    CameraFile::parse(&scenario.camera_toml(), Path::new("camera.toml"))
+/// A robot's camera as its agent reads it, from the text of `camera.toml`. `robot` as the world names it.
+fn camera(scenario: &Scenario, settings: &TeamSettings, robot: &RobotId) -> Result<MountedCamera, TeamError> {
+    let text = settings.cameras.get(robot).cloned().unwrap_or_else(|| scenario.camera_toml_of(robot));
+    CameraFile::parse(&text, Path::new(&format!("camera.toml of {robot}")))
         .and_then(|file| file.mount())
         .map_err(|e| TeamError::Camera(e.to_string()))
 }

@@ -3,6 +3,7 @@
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
 mod layout;
+mod mounting;
 mod optics;
 mod services;
 mod team;

@@ -15,6 +15,7 @@ mod covariance;
 mod pose;
 mod start;
 
+pub(crate) use covariance::unit;
 pub use covariance::{CameraCovariance, CovarianceSource, WeakDirection};
 pub use pose::ViewPose;
 pub(crate) use pose::fit_pose;

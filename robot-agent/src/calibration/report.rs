@@ -70,9 +70,10 @@ fn unknowns(summary: &Summary) -> String {
     let mut rows = String::new();
     for (i, (unknown, value)) in camera.unknowns().iter().zip(camera.unknown_values()).enumerate() {
         let sigma = summary.covariance.as_ref().map_or("not determined".into(), |c| number(c.sigma(i)));
-        let _ = write!(rows, "<tr><td>{}<td>{}<td>± {sigma}</tr>", escaped(&unknown.name), number(value));
+        let (name, unit) = (escaped(&unknown.name), super::bundle::unit(&unknown.name));
+        let _ = write!(rows, "<tr><td>{name}<td>{}<td>± {sigma}<td>{unit}</tr>", number(value));
     }
-    format!("<table><tr><th>parameter<th>value<th>one sigma</tr>{rows}</table>")
+    format!("<table><tr><th>parameter<th>value<th>one sigma<th>unit</tr>{rows}</table>")
 }
 
 fn candidates(summary: &Summary) -> String {
@@ -97,9 +98,9 @@ fn candidates(summary: &Summary) -> String {
     )
 }
 
-/// Four significant digits, whatever the size.
+/// Five significant digits, whatever the size.
 fn number(value: f64) -> String {
-    let digits = if value == 0.0 { 0.0 } else { value.abs().log10() };
+    let digits = if value == 0.0 { 0.0 } else { value.abs().log10().floor() };
     if (-4.0..6.0).contains(&digits) {
         format!("{value:.*}", (4.0 - digits).clamp(0.0, 8.0) as usize)
     } else {

@@ -3,12 +3,17 @@
 use nalgebra::{DMatrix, Matrix2, Vector2};
 use serde_json::{Value, json};
 
+use super::axis::{self, SharedAxis};
 use super::bundle::{CameraCovariance, CovarianceSource};
 use super::free_camera::FreeCamera;
 use super::observation::Observations;
 use super::selection::{Judged, Selection};
 use crate::optics::{bearing_rad, elevation_rad};
 
+/// A point this far along the axis is at infinity, metres.
+const FAR_M: f64 = 1e3;
+/// Other models whose error on unseen views is at most this many times the chosen one's fit nearly as well.
+const AS_GOOD: f64 = 1.25;
 /// Cells of the picture, along each side, that coverage is counted in.
 const CELLS: usize = 12;
 /// An unseen view may be this much worse than the fit before the fit is called too rich for its data.
@@ -23,6 +28,17 @@ pub struct Summary<'a> {
     pub selection: &'a Selection,
     /// Of the chosen camera; `None` where the data does not determine all of its unknowns.
     pub covariance: Option<CameraCovariance>,
+}
+
+/// The chosen camera's axis as another model has it.
+#[derive(Debug, Clone)]
+pub struct OtherAxis<'a> {
+    /// The other candidate.
+    pub name: &'a str,
+    /// Where that one has its own axis, px.
+    pub centre_px: Vector2<f64>,
+    /// How its axis lies to the chosen camera's, and where it images the latter.
+    pub shared: SharedAxis,
 }
 
 /// How well the camera knows the ray of a pixel.
@@ -109,21 +125,61 @@ impl<'a> Summary<'a> {
         words
     }
 
-    /// The picture's centre, px.
+    /// The picture's centre: where the axis of the chosen camera's optics is imaged, px.
     pub fn centre_px(&self) -> Vector2<f64> {
-        Vector2::from(numbers(&self.best().fit.camera, "centre_px"))
+        centre_px(self.best())
     }
 
-    /// Whether the camera had to be set askew to its optics.
-    fn misalignment(&self) -> Option<String> {
-        let (with, without) = self.selection.misaligned()?;
-        let (a, b) = (with.unseen_rms_px?, without.unseen_rms_px?);
-        let centre = |j: &Judged| Vector2::from(numbers(&j.fit.camera, "centre_px"));
-        Some(format!(
+    /// Covariance of the centre as the chosen model has it, px²; `None` without a covariance. What other models make of the
+    /// same rays is in [`Summary::axes`].
+    pub fn centre_covariance_px2(&self) -> Option<Matrix2<f64>> {
+        let camera = &self.best().fit.camera;
+        let far = axis::direction(camera.camera().as_ref()) * FAR_M;
+        let jacobian = camera.point_jacobian(&far)?;
+        let covariance = &jacobian * &self.covariance.as_ref()?.matrix * jacobian.transpose();
+        Some(Matrix2::new(covariance[(0, 0)], covariance[(0, 1)], covariance[(1, 0)], covariance[(1, 1)]))
+    }
+
+    /// The chosen camera's axis in each other candidate that fits unseen views as well to within a quarter and is misaligned
+    /// where the chosen one is: what the centre would be had that model been chosen, and where it images the same direction.
+    pub fn axes(&self) -> Vec<OtherAxis<'a>> {
+        let best = self.best();
+        let limit = best.unseen_rms_px.map_or(f64::INFINITY, |rms| AS_GOOD * rms);
+        let others = self.selection.judged.iter().filter(|j| j.name != best.name);
+        others
+            .filter(|j| j.unseen_rms_px.unwrap_or(f64::INFINITY) <= limit)
+            .filter_map(|j| {
+                let pixels = self.observations.views.iter().flat_map(|v| &v.points).map(|(_, pixel)| *pixel);
+                let camera = j.fit.camera.camera().as_ref();
+                let shared = axis::shared(best.fit.camera.camera().as_ref(), camera, pixels)?;
+                Some(OtherAxis { name: &j.name, centre_px: centre_px(j), shared })
+            })
+            .collect()
+    }
+
+    /// Whether the camera had to be set askew to its optics, and what that makes of its centre.
+    fn misalignment(&self) -> Vec<String> {
+        let Some((with, without)) = self.selection.misaligned() else { return Vec::new() };
+        let (Some(a), Some(b)) = (with.unseen_rms_px, without.unseen_rms_px) else { return Vec::new() };
+        let mut words = vec![format!(
             "The mirror or lens is misaligned against the sensor: without tangential terms the error is {b:.2} px instead of {a:.2} \
              px, and the centre lies {:.1} px elsewhere.",
-            (centre(with) - centre(without)).norm()
-        ))
+            (centre_px(with) - centre_px(without)).norm()
+        )];
+        let away = |o: &OtherAxis| (o.centre_px - self.centre_px()).norm();
+        if let Some(other) = self.axes().into_iter().max_by(|a, b| away(a).total_cmp(&away(b))) {
+            let same = other.shared.image_px.map_or(f64::NAN, |px| (px - self.centre_px()).norm());
+            words.push(format!(
+                "Of a misaligned camera the centre (the image of its axis) depends on the model: \"{}\", which fits nearly as \
+                 well, has it {:.1} px away, its axis turned by {:.2}°. Turned back, its rays differ by {:.3}° rms and it images \
+                 this axis {same:.1} px away. `calibrate mounting` takes up such a turn.",
+                other.name,
+                away(&other),
+                other.shared.turn_rad.to_degrees(),
+                other.shared.disagreement_rad.to_degrees(),
+            ));
+        }
+        words
     }
 
     /// Counts of points in cells of the picture, row by row.
@@ -224,6 +280,17 @@ impl<'a> Summary<'a> {
                 })
             })
             .collect();
+        let axes: Vec<Value> = self
+            .axes()
+            .iter()
+            .map(|o| {
+                json!({
+                    "name": o.name, "centre_px": o.centre_px.as_slice(), "turn_deg": o.shared.turn_rad.to_degrees(),
+                    "disagreement_deg": o.shared.disagreement_rad.to_degrees(),
+                    "image_of_axis_px": o.shared.image_px.map(|px| [px.x, px.y]),
+                })
+            })
+            .collect();
         let covariance = self
             .covariance
             .as_ref()
@@ -239,6 +306,9 @@ impl<'a> Summary<'a> {
             "sigma_px": best.fit.sigma_px,
             "unseen_rms_px": best.unseen_rms_px,
             "outliers": best.fit.outliers(),
+            "centre_px": self.centre_px().as_slice(),
+            "centre_covariance_px2": self.centre_covariance_px2().map(|c| [[c[(0, 0)], c[(0, 1)]], [c[(1, 0)], c[(1, 1)]]]),
+            "axes": axes,
             "unknowns": unknowns,
             "covariance": covariance,
             "undetermined": best.fit.undetermined(),
@@ -280,6 +350,12 @@ fn ray_sigma(camera: &FreeCamera, covariance: &DMatrix<f64>, centre: Vector2<f64
         pixel_sigma_px: pixel_covariance.symmetric_eigenvalues().max().max(0.0).sqrt(),
         px_per_rad: slope[(1, 0)].abs().max(1e-12).recip(),
     })
+}
+
+/// Where the axis is imaged; the parameter of that name where the optics see nothing there.
+fn centre_px(judged: &Judged) -> Vector2<f64> {
+    let camera = &judged.fit.camera;
+    axis::image_px(camera.camera().as_ref()).unwrap_or_else(|| Vector2::from(numbers(camera, "centre_px")))
 }
 
 fn numbers(camera: &FreeCamera, key: &str) -> [f64; 2] {

@@ -166,11 +166,11 @@ mod tests {
             // Golden points are from the apex.
             let pixel = camera.project(&(Vector3::new(x, y, z + 60.0) * 1e-3)).unwrap();
             let number = row["cam"].as_f64().unwrap();
-            assert_rel(pixel.x - 4000.0 * number - 1999.5, &row["u"], 10.0 * tol);
-            assert_rel(pixel.y - 1999.5, &row["v"], 10.0 * tol);
+            assert_rel(pixel.x - 4000.0 * number - 1999.5, &row["u"], tol);
+            assert_rel(pixel.y - 1999.5, &row["v"], tol);
             let ray = camera.unproject(&pixel).unwrap();
             for i in 0..3 {
-                assert_rel(ray.direction[i], &row["dir"][i], 10.0 * tol);
+                assert_rel(ray.direction[i], &row["dir"][i], tol);
             }
         }
     }

@@ -137,7 +137,7 @@ fn record(args: &RecordArgs) -> Result<String, RecordError> {
         let robot = &world.robots()[job.robot];
         let folder = out.join(robot.id.as_str());
         make_folder(&folder.join("frames"))?;
-        write(&folder.join("camera.toml"), scenario.camera_toml().as_bytes())?;
+        write(&folder.join("camera.toml"), scenario.camera_toml_of(&robot.id).as_bytes())?;
         write(
             &folder.join("agent.toml"),
             config::agent_toml(robot.id.as_str(), robot.clock_offset_s, &scenario).as_bytes(),
@@ -159,7 +159,7 @@ fn record(args: &RecordArgs) -> Result<String, RecordError> {
     let visible: Vec<Vec<Vec<f64>>> = jobs.into_iter().map(|j| j.visible).collect();
     let lines = (0..visible.first().map_or(0, Vec::len)).map(|i| {
         let state = world.at(i as f64 * TRUTH_STEP_S);
-        truth::line(&state, |robot, person| visible[robot][i][person])
+        truth::line(&state, world.camera(), |robot, person| visible[robot][i][person])
     });
     write(&out.join("truth.jsonl"), &json_lines(lines))?;
     Ok(match args.format {

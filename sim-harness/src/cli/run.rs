@@ -1,11 +1,13 @@
 //! `sim-harness run`: a scenario with agents and a leader, against truth.
 
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 use clap::{Args, ValueEnum};
 use indicatif::{ProgressBar, ProgressStyle};
+use protocol::id::RobotId;
 
 use super::record::Format;
 use super::{seeds, table};
@@ -36,6 +38,9 @@ pub struct RunArgs {
     /// Only the first seconds of the scenario
     #[arg(long, value_name = "SECONDS")]
     pub duration: Option<f64>,
+    /// A robot's agent gets this camera file instead of the scenario's, e.g. r1=r1/camera.toml; may be given for each robot
+    #[arg(long, value_name = "ROBOT=FILE", value_parser = camera_of)]
+    pub camera: Vec<(RobotId, PathBuf)>,
     /// Also says what each agent measured wrong, apart from the leader
     #[arg(long)]
     pub diagnose: bool,
@@ -82,7 +87,11 @@ pub(super) fn exit_code(error: &TeamError) -> u8 {
 
 fn try_run(args: &RunArgs) -> Result<String, TeamError> {
     let scenario = Scenario::load(&args.scenario)?;
-    let settings = TeamSettings { duration_s: checked_duration(args.duration)?, ..TeamSettings::default() };
+    let settings = TeamSettings {
+        duration_s: checked_duration(args.duration)?,
+        cameras: cameras(&args.camera, &scenario)?,
+        ..TeamSettings::default()
+    };
     let Some(seeds) = &args.seeds else {
         let seed = args.seed.unwrap_or(scenario.seed);
         let bar = progress(settings.duration_s.unwrap_or(f64::INFINITY).min(scenario.duration_s));
@@ -103,6 +112,30 @@ fn try_run(args: &RunArgs) -> Result<String, TeamError> {
         Format::Json => json(&summary),
         Format::Text => Ok(table::summary(&summary)),
     }
+}
+
+/// `r1=FILE`.
+fn camera_of(text: &str) -> Result<(RobotId, PathBuf), String> {
+    let (robot, file) = text.split_once('=').ok_or("must be a robot and a file, as r1=camera.toml")?;
+    Ok((RobotId::new(robot).map_err(|e| e.to_string())?, file.into()))
+}
+
+/// The texts of camera files that stand on the command line.
+fn cameras(given: &[(RobotId, PathBuf)], scenario: &Scenario) -> Result<BTreeMap<RobotId, String>, TeamError> {
+    let robots = scenario.robot_ids();
+    let mut texts = BTreeMap::new();
+    for (robot, path) in given {
+        if !robots.contains(robot) {
+            let names: Vec<String> = robots.iter().map(ToString::to_string).collect();
+            return Err(TeamError::Usage(format!("--camera {robot}=…: the robots are {}", names.join(", "))));
+        }
+        let text = std::fs::read_to_string(path)
+            .map_err(|e| TeamError::Usage(format!("--camera {robot}={}: cannot be read: {e}", path.display())))?;
+        if texts.insert(*robot, text).is_some() {
+            return Err(TeamError::Usage(format!("--camera {robot}=…: given twice")));
+        }
+    }
+    Ok(texts)
 }
 
 pub(super) fn checked_duration(duration_s: Option<f64>) -> Result<Option<f64>, TeamError> {

@@ -3,7 +3,7 @@
 
 use std::f32::consts::TAU;
 
-use nalgebra::Vector3;
+use nalgebra::{Rotation3, Vector3};
 
 use super::pal::Pal;
 use crate::scenario::CameraSpec;
@@ -54,15 +54,22 @@ pub struct Rays {
 }
 
 impl Rays {
-    /// Traces a camera.
+    /// Traces a camera that stands upright.
     pub fn trace(spec: &CameraSpec) -> Self {
+        Self::trace_tilted(spec, [0.0; 2])
+    }
+
+    /// Traces a camera turned on its robot about V: roll, then pitch, degrees. All rays turn as one piece of glass does.
+    pub fn trace_tilted(spec: &CameraSpec, [roll_deg, pitch_deg]: [f64; 2]) -> Self {
         let pal = Pal::new(spec);
+        let pitched = Rotation3::from_axis_angle(&Vector3::y_axis(), pitch_deg.to_radians());
+        let turn = pitched * Rotation3::from_axis_angle(&Vector3::x_axis(), roll_deg.to_radians());
         let (inner, outer) = rim_radii(&pal, spec);
         let radius = |u: f64, v: f64| (u - spec.centre_px[0]).hypot(v - spec.centre_px[1]);
         let within = |r: f64, margin: f64| r >= inner - margin && r <= outer + margin;
         let ray = |u: f64, v: f64| {
             let traced = pal.trace(u, v).filter(|_| within(radius(u, v), RIM_PX + 1.5))?;
-            Some((traced.origin_mm * 1e-3, traced.direction))
+            Some((turn * traced.origin_mm * 1e-3, turn * traced.direction))
         };
         let pixel =
             |u: f64, v: f64| PixelUse { is_lit: within(radius(u, v), RIM_PX), is_nominal: within(radius(u, v), 0.0) };

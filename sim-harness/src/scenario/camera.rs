@@ -1,5 +1,6 @@
 //! The camera of a scenario: the lengths of a PAL's glass, as a calibration file lists them.
 
+use protocol::id::RobotId;
 use serde::{Deserialize, Serialize};
 
 /// A PAL of two mirrors and a refracting ellipsoid, and the sensor behind it. The defaults are the project's reference
@@ -35,6 +36,25 @@ pub struct CameraSpec {
     pub noise_gray: f64,
     /// Standard deviation of the lens' blur.
     pub blur_px: f64,
+    /// Robots whose camera stands askew on its body.
+    pub tilts: Vec<TiltSpec>,
+}
+
+/// A camera that stands askew on an upright robot, turned about its glass' focus V.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct TiltSpec {
+    /// Whose, e.g. "r1".
+    pub robot: RobotId,
+    /// Roll (lowers the right side), then pitch (lowers the nose). −10 … 10 each.
+    pub tilt_deg: [f64; 2],
+    /// Whether the robot's camera file says so. If not, it is for `robot-agent calibrate mounting` to find out.
+    #[serde(default = "yes")]
+    pub known: bool,
+}
+
+fn yes() -> bool {
+    true
 }
 
 impl Default for CameraSpec {
@@ -54,12 +74,28 @@ impl Default for CameraSpec {
             height_m: 0.6,
             noise_gray: 2.0,
             blur_px: 0.8,
+            tilts: Vec::new(),
         }
     }
 }
 
 impl CameraSpec {
-    /// As `camera.toml`.
+    /// The true tilt (roll, pitch) of a robot's camera, degrees.
+    pub fn tilt_deg(&self, robot: &RobotId) -> [f64; 2] {
+        self.tilts.iter().find(|t| t.robot == *robot).map_or([0.0; 2], |t| t.tilt_deg)
+    }
+
+    /// As a robot's `camera.toml`: the truth but for a tilt that nobody knows of.
+    pub fn toml_of(&self, robot: &RobotId) -> String {
+        let mut text = self.toml();
+        if let Some(TiltSpec { tilt_deg: [roll, pitch], .. }) = self.tilts.iter().find(|t| t.robot == *robot && t.known)
+        {
+            text.push_str(&format!("tilt_deg = [{roll:?}, {pitch:?}]\n"));
+        }
+        text
+    }
+
+    /// As the `camera.toml` of a camera that stands upright.
     pub fn toml(&self) -> String {
         let Self { image_size_px: [w, h], centre_px: [u, v], elevation_deg: [low, high], .. } = self;
         format!(

@@ -1,5 +1,7 @@
 //! Ranges of a scenario's values.
 
+use protocol::id::RobotId;
+
 use super::Scenario;
 
 /// A value that is not possible.
@@ -65,10 +67,7 @@ fn robots(s: &Scenario) -> Result<(), Fault> {
     within("robots.within_m", s.robots.within_m, s.robots.apart_m, 50.0, "metres")?;
     for (n, drive) in s.robots.drives.iter().enumerate() {
         let key = format!("robots.drives[{n}]");
-        if !s.robot_ids().contains(&drive.robot) {
-            let names = s.robot_ids().iter().map(ToString::to_string).collect::<Vec<_>>().join(", ");
-            return Err(Fault { key: format!("{key}.robot"), value: drive.robot.to_string(), right: names });
-        }
+        known_robot(s, &key, &drive.robot)?;
         within(&format!("{key}.start_s"), drive.start_s, -60.0, s.duration_s, "seconds")?;
         within(&format!("{key}.end_s"), drive.end_s, drive.start_s + 0.5, 3600.0, "seconds")?;
         within(&format!("{key}.distance_m"), drive.distance_m, 0.0, 6.0, "metres")?;
@@ -97,5 +96,25 @@ fn camera(s: &Scenario) -> Result<(), Fault> {
     within("camera.elevation_deg", c.elevation_deg[1], -59.0, 80.0, "degrees")?;
     within("camera.height_m", c.height_m, 0.52, 2.0, "metres (above the body)")?;
     within("camera.noise_gray", c.noise_gray, 0.0, 50.0, "grey levels")?;
-    within("camera.blur_px", c.blur_px, 0.0, 2.0, "pixels")
+    within("camera.blur_px", c.blur_px, 0.0, 2.0, "pixels")?;
+    for (n, tilt) in c.tilts.iter().enumerate() {
+        let key = format!("camera.tilts[{n}]");
+        known_robot(s, &key, &tilt.robot)?;
+        if c.tilts[..n].iter().any(|other| other.robot == tilt.robot) {
+            let right = "each robot at most once".into();
+            return Err(Fault { key: format!("{key}.robot"), value: tilt.robot.to_string(), right });
+        }
+        for angle in tilt.tilt_deg {
+            within(&format!("{key}.tilt_deg"), angle, -10.0, 10.0, "degrees")?;
+        }
+    }
+    Ok(())
+}
+
+fn known_robot(s: &Scenario, key: &str, robot: &RobotId) -> Result<(), Fault> {
+    if s.robot_ids().contains(robot) {
+        return Ok(());
+    }
+    let names = s.robot_ids().iter().map(ToString::to_string).collect::<Vec<_>>().join(", ");
+    Err(Fault { key: format!("{key}.robot"), value: robot.to_string(), right: names })
 }

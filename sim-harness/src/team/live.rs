@@ -130,7 +130,6 @@ fn start_robots(
     stopped: &watch::Receiver<bool>,
 ) -> Result<Vec<Robot>, TeamError> {
     let duration_s = settings.duration_s(world);
-    let mounted = camera(scenario)?;
     let names = settings.names(world);
     let mut robots = Vec::new();
     for ((index, robot), renderer) in world.robots().iter().enumerate().zip(Renderer::team(world)) {
@@ -139,7 +138,7 @@ fn start_robots(
         agent_settings.frame_rate_hz = scenario.capture.rate_hz;
         let clock = Clock::with_offset_ns((robot.clock_offset_s * 1e9).round() as i64);
         let epoch = zero.0.wrapping_add(index as u64);
-        let agent = Agent::new(agent_settings, mounted.clone(), epoch)?;
+        let agent = Agent::new(agent_settings, camera(scenario, settings, &robot.id)?, epoch)?;
         let seen = Arc::new(Mutex::new(Seen::default()));
         // A camera that is behind loses pictures; delivering them late would only make the next ones late too.
         let too_late =

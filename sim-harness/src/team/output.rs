@@ -160,7 +160,7 @@ fn truth(outcome: &Outcome) -> impl Iterator<Item = TruthLine> + '_ {
                     x_m: robot.x_m,
                     y_m: robot.y_m,
                     heading_deg: protocol::angle::wrap(robot.heading_rad).to_degrees(),
-                    tilt_deg: [0.0; 2],
+                    tilt_deg: outcome.world.camera().tilt_deg(&robot.id),
                 })
                 .collect(),
             people: state

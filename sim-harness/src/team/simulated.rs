@@ -97,14 +97,13 @@ struct Team {
 impl Team {
     fn new(scenario: &Scenario, world: Arc<World>, settings: &TeamSettings) -> Result<Self, TeamError> {
         let duration_s = settings.duration_s(&world);
-        let mounted = camera(scenario)?;
         let mut robots = Vec::new();
         let names = settings.names(&world);
         for ((index, robot), renderer) in world.robots().iter().enumerate().zip(Renderer::team(&world)) {
             let captures = robot.captures.iter().filter(|c| c.true_time_s <= duration_s).copied().collect();
             let mut agent_settings = AgentSettings::new(names[index], scenario.marker());
             agent_settings.frame_rate_hz = scenario.capture.rate_hz;
-            let agent = Agent::new(agent_settings, mounted.clone(), index as u64 + 1)?;
+            let agent = Agent::new(agent_settings, camera(scenario, settings, &robot.id)?, index as u64 + 1)?;
             robots.push(RobotNode {
                 name: names[index],
                 agent,

@@ -131,7 +131,7 @@ impl Fit {
                 let together: Vec<String> = parts
                     .iter()
                     .filter(|p| p.0 > 0.2 * largest)
-                    .map(|(_, i)| format!("{} {:+.3}", names[*i], weak.change[*i]))
+                    .map(|(_, i)| format!("{} {}", names[*i], signed(names[*i], weak.change[*i])))
                     .collect();
                 format!(
                     "{} may change together by this much (one sigma) and the pictures would hardly differ: only the \
@@ -141,6 +141,27 @@ impl Fit {
             })
             .collect()
     }
+}
+
+/// A change with its sign, three significant digits and its unit.
+fn signed(name: &str, change: f64) -> String {
+    let unit = unit(name);
+    let space = if unit.is_empty() { "" } else { " " };
+    let decimals = if change == 0.0 { 0.0 } else { (2.0 - change.abs().log10().floor()).clamp(0.0, 300.0) };
+    if decimals > 6.0 {
+        format!("{change:+.2e}{space}{unit}")
+    } else {
+        format!("{change:+.*}{space}{unit}", decimals as usize)
+    }
+}
+
+/// The unit that a parameter's key names; empty for numbers without one and where the unit is the key's own affair.
+pub(crate) fn unit(name: &str) -> &'static str {
+    let key = name.split('[').next().unwrap_or(name);
+    [("_px", "px"), ("_mm", "mm"), ("_deg", "°"), ("_s", "s")]
+        .into_iter()
+        .find_map(|(ending, unit)| key.ends_with(ending).then_some(unit))
+        .unwrap_or(if key == "skew" { "px" } else { "" })
 }
 
 /// The inverse after scaling the diagonal to one; `None` where it is singular.

@@ -6,8 +6,10 @@ use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, Normal};
 
 use super::*;
+use crate::calibration::axis;
 use crate::calibration::candidate::{Kind, of_design};
 use crate::calibration::observation::View;
+use crate::calibration::summary::Summary;
 use crate::calibration::{Board, BoardSize};
 use crate::optics::{Camera, Pal, PalDesign, UnifiedSphere, UnifiedSphereParameters};
 
@@ -104,12 +106,16 @@ fn boards(seed: u64, views: usize) -> (Vec<ViewPose>, Vec<Vector3<f64>>) {
 }
 
 fn sphere() -> Arc<dyn Camera> {
+    sphere_with([-0.05, 0.01, 2e-3, -1e-3])
+}
+
+fn sphere_with(distortion: [f64; 4]) -> Arc<dyn Camera> {
     let parameters = UnifiedSphereParameters {
         xi: 0.94,
         focal_length_px: [265.0; 2],
         centre_px: [388.0, 284.0],
         skew: 0.0,
-        distortion: [-0.05, 0.01, 2e-3, -1e-3],
+        distortion,
     };
     Arc::new(UnifiedSphere::new(parameters, [768, 576]).unwrap())
 }
@@ -149,6 +155,32 @@ fn a_search_from_nothing_finds_camera_and_poses() {
     let centre = Vector2::new(fit.camera.unknown_values()[2], fit.camera.unknown_values()[3]);
     assert!((centre - Vector2::new(388.0, 284.0)).norm() < 1.0, "{centre}");
     assert!((fit.sigma_px - SIGMA_PX).abs() < 0.1 * SIGMA_PX, "{}", fit.sigma_px);
+}
+
+/// The axis of a misaligned camera is what depends on the model: a fit of another family must find the true one's rays, and
+/// the true axis among them within its own covariance.
+#[test]
+fn another_misaligned_model_images_the_true_axis_within_its_covariance() {
+    let truth = sphere_with([-0.05, 0.01, 8e-3, -4e-3]);
+    let (poses, objects) = boards(11, 16);
+    let mut random = ChaCha8Rng::seed_from_u64(12);
+    let views = poses.iter().map(|p| seen(truth.as_ref(), p, &objects, &mut random)).collect();
+    let observations = Observations::new([768, 576], views).unwrap();
+    let candidates = Kind::KannalaBrandt.candidates([768, 576], None).unwrap();
+    let selection = crate::calibration::selection::select(&observations, &candidates).unwrap();
+    assert_eq!(selection.best().name, "fisheye, Kannala-Brandt, misaligned");
+    let summary = Summary::new(&observations, &selection);
+    let pixels = observations.views.iter().flat_map(|v| &v.points).map(|(_, pixel)| *pixel);
+    let found = axis::shared(truth.as_ref(), selection.best().fit.camera.camera().as_ref(), pixels).unwrap();
+    let apart = found.image_px.unwrap() - Vector2::new(388.0, 284.0);
+    let covariance = summary.centre_covariance_px2().unwrap();
+    let chi2 = apart.dot(&(covariance.try_inverse().unwrap() * apart));
+    println!("{found:?} {covariance} χ² {chi2:.2}, aligned {:?}", selection.judged[0].fit.camera.unknown_values());
+    // χ² with 2 degrees of freedom at 1 %.
+    assert!(chi2 < 9.21, "{chi2}");
+    let off_aligned =
+        axis::image_px(selection.judged[0].fit.camera.camera().as_ref()).unwrap() - Vector2::new(388.0, 284.0);
+    assert!(off_aligned.norm() > 5.0 * apart.norm(), "{off_aligned} {apart}");
 }
 
 #[test]

@@ -65,7 +65,7 @@ pub(super) fn execute(arguments: &Arguments) -> Result<(), Failure> {
         "rotation_rpy_deg_sigma": sigma.rotation_rpy_rad.map(f64::to_degrees),
         "position_m": position_m.as_slice(), "position_m_sigma": sigma.position_m.as_slice(),
         "covariance": covariance, "chi2": fit.chi2, "dof": fit.dof, "outliers": fit.outliers,
-        "undetermined": fit.undetermined, "vertical_lines": seen.vertical_lines_px.len(),
+        "undetermined": fit.undetermined, "vertical_lines": seen.vertical_lines_px.len(), "edges": fit.edges,
     });
     super::print(arguments.format, &words, &numbers)
 }
@@ -85,8 +85,8 @@ fn words(fit: &MountingFit, lines: usize) -> Vec<String> {
         [angle("roll", *roll, s_roll), angle("pitch", *pitch, s_pitch), angle("yaw", *yaw, s_yaw)].join(", "),
         format!("height {:.4} m ± {:.4} m", position_m.z, sigma.position_m.z),
         format!(
-            "{lines} vertical lines; χ² = {:.1} with {} degrees of freedom; {} residuals count less because they lie far off",
-            fit.chi2, fit.dof, fit.outliers
+            "{lines} vertical lines of {} edges; χ² = {:.1} with {} degrees of freedom; {} residuals count less because they lie far off",
+            fit.edges, fit.chi2, fit.dof, fit.outliers
         ),
     ];
     if !fit.undetermined.is_empty() {

@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 
 use serde::Serialize;
 
+use crate::scenario::CameraSpec;
 use crate::world::State;
 
 /// The world at an instant, as written.
@@ -34,7 +35,7 @@ struct PersonLine {
 }
 
 /// `visible` gives the visible share of a person (second) to a robot (first).
-pub fn line(state: &State, visible: impl Fn(usize, usize) -> f64) -> Line {
+pub fn line(state: &State, camera: &CameraSpec, visible: impl Fn(usize, usize) -> f64) -> Line {
     let round = |x: f64| (x * 1e6).round() / 1e6;
     let turn = |rad: f64| rad.to_degrees() - 360.0 * (rad.to_degrees() / 360.0).round();
     Line {
@@ -47,7 +48,7 @@ pub fn line(state: &State, visible: impl Fn(usize, usize) -> f64) -> Line {
                 x_m: round(r.x_m),
                 y_m: round(r.y_m),
                 heading_deg: round(turn(r.heading_rad)),
-                tilt_deg: [0.0, 0.0],
+                tilt_deg: camera.tilt_deg(&r.id),
             })
             .collect(),
         people: state
