@@ -19,6 +19,7 @@ pub mod free_camera;
 mod gradient;
 mod least_squares;
 pub mod lines;
+pub mod locus;
 pub mod mounting;
 pub mod observation;
 pub mod radial;

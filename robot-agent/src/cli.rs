@@ -6,6 +6,7 @@
 mod calibrate;
 mod camera;
 mod check;
+mod mosaic;
 mod peers;
 mod run;
 mod track;
@@ -35,6 +36,7 @@ enum Command {
     Run(run::Arguments),
     Track(track::Arguments),
     Unwarp(unwarp::Arguments),
+    Mosaic(mosaic::Arguments),
     Camera(camera::Arguments),
     Calibrate(calibrate::Arguments),
     Peers(peers::Arguments),
@@ -95,6 +97,7 @@ pub fn main() -> ExitCode {
         Command::Run(arguments) => run::execute(arguments),
         Command::Track(arguments) => track::execute(arguments),
         Command::Unwarp(arguments) => unwarp::execute(arguments),
+        Command::Mosaic(arguments) => mosaic::execute(arguments),
         Command::Camera(arguments) => camera::execute(arguments),
         Command::Calibrate(arguments) => calibrate::execute(arguments),
         Command::Peers(arguments) => peers::execute(arguments),

@@ -138,3 +138,34 @@ fn wrong_input_is_named_with_what_would_be_right() {
         &["no board", "wall.png"],
     );
 }
+
+#[test]
+fn the_locus_is_measured_from_a_ruler_at_two_distances() {
+    let folder = tempfile::tempdir().unwrap();
+    let lens = robot_agent::optics::Pal::reference();
+    let mark = |distance: f64, height: f64| {
+        let point = nalgebra::Vector3::new(distance, 0.0, height);
+        let pixel = robot_agent::optics::Camera::project(&lens, &point)?;
+        Some(serde_json::json!({ "height_m": height, "px": [pixel.x, pixel.y] }))
+    };
+    let ruler = |distance: f64| {
+        let marks: Vec<Value> = (-20..30).filter_map(|k| mark(distance, f64::from(k) * 0.02 * distance)).collect();
+        serde_json::json!({ "distance_m": distance, "marks": marks })
+    };
+    let write = |rulers: &[Value]| {
+        let file =
+            serde_json::json!({ "rulers": rulers, "sigma_px": 0.02, "height_sigma_m": 1e-5, "distance_sigma_m": 1e-5 });
+        std::fs::write(folder.path().join("rulers.json"), file.to_string()).unwrap();
+    };
+    write(&[ruler(0.2), ruler(0.8)]);
+    let arguments = ["locus", "rulers.json", "--centre-px", "383.5,287.5", "--format", "json"];
+    let report = json(&calibrate(folder.path(), &arguments));
+    // `MATHS.md` §3.4: from 6.51 mm at −15° to 3.36 mm at +20°.
+    let length_mm = 1e3 * report["length_m"].as_f64().unwrap();
+    assert!((2.8..3.2).contains(&length_mm) && report["is_one_point"] == false, "{report}");
+    let words = calibrate(folder.path(), &arguments[..4]);
+    assert!(String::from_utf8_lossy(&words.stdout).contains("do not come from one point"));
+    write(&[ruler(0.2)]);
+    assert_fails(&calibrate(folder.path(), &arguments), 2, &["rulers.json", "two distances"]);
+    assert_fails(&calibrate(folder.path(), &["locus", "rulers.json"]), 2, &["--camera"]);
+}

@@ -145,3 +145,43 @@ fn unwarp_says_what_is_wrong_with_a_picture() {
     assert_fails(&unwarp("whole.png", "out.xyz"), 1, &["out.xyz"]);
     assert!(!folder.path().join("out.png").exists());
 }
+
+#[test]
+fn pictures_of_a_turning_arm_become_a_mosaic_that_knows_the_time_of_its_columns() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name);
+    let camera = |turn_s: f64| {
+        let table = format!("focal_length_px = 40.0\nhorizon_px = 19.5\nturn_s = {turn_s:?}\n");
+        std::fs::write(path("mosaic.toml"), format!("model = \"mosaic\"\nimage_size_px = [90, 40]\n[mosaic]\n{table}"))
+    };
+    camera(9.0).unwrap();
+    std::fs::create_dir(path("frames")).unwrap();
+    // A picture every 4°, and five of a second turn.
+    for n in 0..95u8 {
+        image::GrayImage::from_pixel(5, 40, image::Luma([n])).save(path("frames").join(format!("{n:03}.png"))).unwrap();
+    }
+    let run = |more: &[&str]| {
+        let arguments = ["mosaic", "frames", "--camera", "mosaic.toml", "--out", "mosaic.png", "--times", "times.csv"];
+        robot_agent(folder.path(), &[&arguments[..], more].concat(), "")
+    };
+    let output = run(&["--frame-rate-hz", "10", "--format", "json"]);
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let report = &lines(&output)[0];
+    assert_eq!((&report["pictures"], &report["left_out"]), (&90.into(), &5.into()));
+    let mosaic = image::open(path("mosaic.png")).unwrap().to_luma8();
+    assert_eq!(mosaic.dimensions(), (90, 40));
+    for u in 0..90u32 {
+        // The column's middle is half a picture after the u-th.
+        let late = (f64::from(mosaic.get_pixel(u, 7).0[0]) - f64::from(u) - 0.5).rem_euclid(90.0);
+        assert!(late.min(90.0 - late) < 0.5 + 1e-6, "column {u}: {late}");
+    }
+    let times = std::fs::read_to_string(path("times.csv")).unwrap();
+    assert!(times.starts_with("column,picture,capture_ns\n") && times.lines().count() == 91);
+    let row: Vec<u64> = times.lines().nth(46).unwrap().split(',').map(|n| n.parse().unwrap()).collect();
+    assert_eq!(row[2], row[1] * 100_000_000, "{row:?}");
+
+    camera(30.0).unwrap();
+    assert_fails(&run(&["--frame-rate-hz", "10"]), 1, &["frames", "turn_s"]);
+    std::fs::write(path("mosaic.toml"), CAMERA).unwrap();
+    assert_fails(&run(&[]), 2, &["mosaic.toml", "must be \"mosaic\""]);
+}

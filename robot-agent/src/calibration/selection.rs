@@ -89,8 +89,21 @@ impl Selection {
 /// # Errors
 /// No candidate can be fitted: the error of the first.
 pub fn select(observations: &Observations, candidates: &[Candidate]) -> Result<Selection, BundleError> {
+    select_with(observations, candidates, |_| {})
+}
+
+/// As [`select`]; `starts` hears the name of each candidate before it is fitted.
+///
+/// # Errors
+/// As [`select`].
+pub fn select_with(
+    observations: &Observations,
+    candidates: &[Candidate],
+    mut starts: impl FnMut(&str),
+) -> Result<Selection, BundleError> {
     let (mut judged, mut failed) = (Vec::<Judged>::new(), Vec::new());
     for candidate in candidates {
+        starts(&candidate.name);
         // A richer variant of a model starts where the simpler one ended.
         let simpler = judged
             .iter()

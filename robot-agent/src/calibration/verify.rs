@@ -18,7 +18,8 @@ use crate::optics::{Camera, Pal};
 
 /// Probability of a false alarm.
 pub const SIGNIFICANCE: f64 = 0.01;
-/// Length of the viewpoint's locus on the axis that the power is stated for, metres: the report's lens (`MATHS.md` §3.4).
+/// Length of the viewpoint's locus on the axis of the report's lens, metres (`MATHS.md` §3.4): what a test looks for where
+/// nothing else is said. `calibrate locus` measures that of any camera.
 pub const REFERENCE_LOCUS_M: f64 = 3.15e-3;
 /// Power from which a test that finds nothing says something.
 const ENOUGH_POWER: f64 = 0.8;
@@ -28,7 +29,7 @@ const ENOUGH_POWER: f64 = 0.8;
 pub enum Verdict {
     /// The rays do not meet in one point, or the camera's numbers are wrong.
     NotOnePoint,
-    /// They do, and a locus like that of the report's lens would have been seen.
+    /// They do, and a locus of the length that was looked for would have been seen.
     OnePoint,
     /// Nothing was found, but nothing could have been: the board must be nearer, or larger.
     Undecided,
@@ -49,7 +50,9 @@ pub struct SingleViewpointTest {
     pub shape_statistic: f64,
     /// Its probability.
     pub shape_p_value: f64,
-    /// Probability to detect a locus of [`REFERENCE_LOCUS_M`] at [`SIGNIFICANCE`].
+    /// Length of the locus that was looked for, metres; its shape is that of the report's lens.
+    pub locus_m: f64,
+    /// Probability to detect it at [`SIGNIFICANCE`].
     pub power: f64,
     /// Distance of the board's middle, metres.
     pub distance_m: f64,
@@ -86,6 +89,12 @@ pub enum VerifyError {
         /// Its name.
         view: String,
     },
+    /// A length that cannot be.
+    #[error("locus of {locus_m} m: must be between 0.00001 and 1 (is it in millimetres?)")]
+    Locus {
+        /// As given.
+        locus_m: f64,
+    },
     /// A noise that cannot be.
     #[error("sigma {sigma_px} px: must be between 0.001 and 10")]
     Sigma {
@@ -94,12 +103,21 @@ pub enum VerifyError {
     },
 }
 
-/// Tests one view of a board for noise of `sigma_px` in each component of a corner.
+/// Tests one view of a board for noise of `sigma_px` in each component of a corner; the power is that of finding a locus of
+/// `locus_m` metres ([`REFERENCE_LOCUS_M`] for the report's lens).
 ///
 /// # Errors
 /// The view is no board, the camera does not see its points, or nothing fits.
-pub fn single_viewpoint(camera: &dyn Camera, view: &View, sigma_px: f64) -> Result<SingleViewpointTest, VerifyError> {
+pub fn single_viewpoint(
+    camera: &dyn Camera,
+    view: &View,
+    sigma_px: f64,
+    locus_m: f64,
+) -> Result<SingleViewpointTest, VerifyError> {
     let name = || view.name.clone();
+    if !(1e-5..=1.0).contains(&locus_m) {
+        return Err(VerifyError::Locus { locus_m });
+    }
     if !(0.001..=10.0).contains(&sigma_px) {
         return Err(VerifyError::Sigma { sigma_px });
     }
@@ -125,7 +143,7 @@ pub fn single_viewpoint(camera: &dyn Camera, view: &View, sigma_px: f64) -> Resu
     let (statistic, rigid) = (squares / variance, rigid_squares / variance);
     let p_value = upper_tail(statistic, dof);
     let shape_statistic = (rigid - statistic).max(0.0);
-    let non_centrality = plane.non_centrality(camera, &pose, sigma_px).ok_or_else(no_fit)?;
+    let non_centrality = plane.non_centrality(camera, &pose, sigma_px, locus_m).ok_or_else(no_fit)?;
     let power = noncentral_upper_tail(critical_value(dof), dof, non_centrality);
     let verdict = if p_value < SIGNIFICANCE {
         Verdict::NotOnePoint
@@ -141,6 +159,7 @@ pub fn single_viewpoint(camera: &dyn Camera, view: &View, sigma_px: f64) -> Resu
         p_value,
         shape_statistic,
         shape_p_value: upper_tail(shape_statistic, 2),
+        locus_m,
         power,
         distance_m: pose.translation.norm(),
         verdict,
@@ -150,7 +169,7 @@ pub fn single_viewpoint(camera: &dyn Camera, view: &View, sigma_px: f64) -> Resu
 impl SingleViewpointTest {
     /// The verdict in words.
     pub fn words(&self) -> String {
-        let Self { view, statistic, dof, p_value, power, distance_m, .. } = self;
+        let Self { view, statistic, dof, p_value, power, locus_m, distance_m, .. } = self;
         let numbers =
             format!("χ² = {statistic:.1} with {dof} degrees of freedom, p = {p_value:.3}, board at {distance_m:.2} m");
         match self.verdict {
@@ -161,16 +180,16 @@ impl SingleViewpointTest {
             }
             Verdict::OnePoint => {
                 format!(
-                    "{view}: consistent with a single viewpoint ({numbers}); a locus of {:.1} mm would have been found with \
+                    "{view}: consistent with a single viewpoint ({numbers}); a locus of {:.2} mm would have been found with \
                          probability {power:.2}",
-                    REFERENCE_LOCUS_M * 1e3
+                    locus_m * 1e3
                 )
             }
             Verdict::Undecided => {
                 format!(
-                    "{view}: nothing found, but a locus of {:.1} mm would have been found with probability {power:.2} only \
-                         ({numbers}): hold the board at 0.2 m or nearer",
-                    REFERENCE_LOCUS_M * 1e3
+                    "{view}: nothing found, but a locus of {:.2} mm would have been found with probability {power:.2} only \
+                         ({numbers}): hold the board nearer (at 0.2 m for a locus like that of the report's lens)",
+                    locus_m * 1e3
                 )
             }
         }
@@ -269,9 +288,10 @@ impl Plane {
         Some((found.residuals.norm_squared(), Pose { rotation, translation: translation * self.size }))
     }
 
-    /// T_H of the board's noise-free image through rays that meet the axis where those of the report's lens do.
-    fn non_centrality(&self, camera: &dyn Camera, pose: &Pose, sigma_px: f64) -> Option<f64> {
-        let locus = ReferenceLocus::new();
+    /// T_H of the board's noise-free image through rays that meet the axis where those of the report's lens do, stretched to
+    /// a length.
+    fn non_centrality(&self, camera: &dyn Camera, pose: &Pose, sigma_px: f64, locus_m: f64) -> Option<f64> {
+        let locus = ReferenceLocus::new(locus_m / REFERENCE_LOCUS_M);
         let images = self.points.iter().map(|p| {
             let point = pose.rotation * (p.xy().push(0.0) * self.size) + pose.translation;
             // Where the ray starts on the axis depends on its elevation: a fixed point, three rounds suffice.
@@ -296,7 +316,7 @@ struct ReferenceLocus {
 }
 
 impl ReferenceLocus {
-    fn new() -> Self {
+    fn new(stretch: f64) -> Self {
         let lens = Pal::reference();
         let [inner, outer] = lens.annulus_px();
         let [u0, v0] = lens.design().centre_px;
@@ -304,7 +324,7 @@ impl ReferenceLocus {
             let radius = inner + (outer - inner) * f64::from(i) / 64.0;
             let ray = lens.ray_of_image(&Vector2::new(u0 + radius, v0))?;
             let crossing = ray.origin_m.z - ray.origin_m.x * ray.direction.z / ray.direction.x;
-            let height = crossing - lens.viewpoint_m().z;
+            let height = (crossing - lens.viewpoint_m().z) * stretch;
             Some((crate::optics::elevation_rad(&ray.direction), height))
         });
         Self { points: points.collect() }
@@ -378,7 +398,7 @@ mod tests {
     #[test]
     fn the_statistic_is_the_golden_one() {
         let (view, expected) = golden_view();
-        let test = single_viewpoint(&Pal::reference(), &view, 0.1).unwrap();
+        let test = single_viewpoint(&Pal::reference(), &view, 0.1, REFERENCE_LOCUS_M).unwrap();
         assert_eq!(test.dof, 90);
         assert!((test.statistic - expected["T"].as_f64().unwrap()).abs() < 1e-6 * test.statistic * 10.0, "{test:?}");
         assert!((test.p_value - expected["p"].as_f64().unwrap()).abs() < 1e-6, "{test:?}");
@@ -400,15 +420,20 @@ mod tests {
     #[test]
     fn the_report_s_lens_is_found_out_near_and_not_far() {
         let camera = Pal::reference();
-        let near = single_viewpoint(&camera, &near_board(0.1), 0.1).unwrap();
+        let near = single_viewpoint(&camera, &near_board(0.1), 0.1, REFERENCE_LOCUS_M).unwrap();
         assert!(near.verdict == Verdict::NotOnePoint && near.power > 0.99, "{near:?}");
         // Without noise T_H is the non-centrality itself: the power that is told must be the one it gives.
-        let medium = single_viewpoint(&camera, &near_board(0.3), 0.1).unwrap();
+        let medium = single_viewpoint(&camera, &near_board(0.3), 0.1, REFERENCE_LOCUS_M).unwrap();
         let power = noncentral_upper_tail(critical_value(medium.dof), medium.dof, medium.statistic);
         assert!((medium.power - power).abs() < 0.05, "{power}, {medium:?}");
-        let far = single_viewpoint(&camera, &near_board(1.0), 0.1).unwrap();
+        let far = single_viewpoint(&camera, &near_board(1.0), 0.1, REFERENCE_LOCUS_M).unwrap();
         assert!(far.verdict == Verdict::Undecided && far.power < 0.1, "{far:?}");
         assert!(far.words().contains("nearer"));
+        // A locus ten times as long is found from three times as far (`MATHS.md` §4.3: the non-centrality is as its square).
+        let long = single_viewpoint(&camera, &near_board(1.0), 0.1, 10.0 * REFERENCE_LOCUS_M).unwrap();
+        assert!(long.power > 0.99 && long.words().contains("31.50 mm"), "{long:?}");
+        let error = single_viewpoint(&camera, &near_board(1.0), 0.1, 3.15).unwrap_err().to_string();
+        assert!(error.contains("millimetres"), "{error}");
     }
 
     #[test]

@@ -2,6 +2,7 @@
 
 mod centre;
 mod convert;
+mod locus;
 mod model;
 mod mounting;
 mod radial;
@@ -28,6 +29,7 @@ enum Job {
     Centre(centre::Arguments),
     Radial(radial::Arguments),
     Verify(verify::Arguments),
+    Locus(locus::Arguments),
     Mounting(mounting::Arguments),
     Import(convert::Import),
     Export(convert::Export),
@@ -40,6 +42,7 @@ pub(super) fn execute(arguments: &Arguments) -> Result<(), Failure> {
         Job::Centre(arguments) => centre::execute(arguments),
         Job::Radial(arguments) => radial::execute(arguments),
         Job::Verify(arguments) => verify::execute(arguments),
+        Job::Locus(arguments) => locus::execute(arguments),
         Job::Mounting(arguments) => mounting::execute(arguments),
         Job::Import(arguments) => convert::import(arguments),
         Job::Export(arguments) => convert::export(arguments),

@@ -192,39 +192,101 @@ impl Camera for Mosaic {
     }
 }
 
-/// A picture of the camera on the arm: where the arm was and when.
-#[derive(Debug, Clone, Copy)]
-pub struct ArmPicture<'a> {
-    /// ω, radians.
-    pub arm_rad: f64,
-    /// Grey levels, row by row.
-    pub gray: &'a [u8],
+/// What a picture of the camera on the arm gives to a mosaic: its slit, and where the arm was.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Slit {
+    /// Grey levels from the top down.
+    gray: Vec<u8>,
 }
 
-/// Joins pictures of a pinhole camera with the mosaic's focal length and horizon, `size_px` each, to a mosaic. Each
-/// column comes from the picture whose arm was nearest, at the picture's column that looks v off its arm with the
-/// centre of the picture looking along the arm; as many pictures as columns make it exact.
-///
-/// `None` without pictures, for pictures of another size, or where the slit is not on the pictures.
-pub fn join(mosaic: &Mosaic, size_px: [u32; 2], pictures: &[ArmPicture<'_>]) -> Option<Vec<u8>> {
-    let [w, h] = size_px.map(|n| n as usize);
-    let [columns, rows] = mosaic.image_size_px.map(|n| n as usize);
-    (rows == h && pictures.iter().all(|p| p.gray.len() == w * h)).then_some(())?;
-    // Left of the axis is a positive angle. A slanted slit is further from the pinhole: its rows are stretched by
-    // 1/cos v, which the mosaic's own focal length must already have.
-    let slit = 0.5 * (w as f64 - 1.0) - mosaic.parameters.focal_length_px * mosaic.slit_rad.sin();
-    let slit = slit.round();
-    (slit >= 0.0 && slit < w as f64).then_some(())?;
-    let mut out = vec![0; columns * rows];
-    for u in 0..columns {
-        let arm = mosaic.arm_rad(u as f64);
-        let away = |p: &&ArmPicture<'_>| ((p.arm_rad - arm + PI).rem_euclid(TAU) - PI).abs();
-        let nearest = pictures.iter().min_by(|a, b| away(a).total_cmp(&away(b)))?;
-        for v in 0..rows {
-            out[v * columns + u] = nearest.gray[v * w + slit as usize];
+/// A mosaic joined from slits.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Joined {
+    /// Grey levels, row by row.
+    pub gray: Vec<u8>,
+    /// Which slit each column shows.
+    pub slit_of_column: Vec<usize>,
+    /// The largest angle between a column's arm and the arm of its slit, radians: half the step from picture to picture
+    /// where they cover the turn.
+    pub largest_gap_rad: f64,
+}
+
+/// Why there is no mosaic.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+pub enum JoinError {
+    /// Nothing to join.
+    #[error("no pictures")]
+    NoPictures,
+    /// Rows of another number than the mosaic's.
+    #[error("a picture of {rows} rows; the mosaic has {expected} (image_size_px), as its pictures must have")]
+    Rows {
+        /// The picture's.
+        rows: usize,
+        /// The mosaic's.
+        expected: usize,
+    },
+    /// The slit is beyond the picture.
+    #[error("the slit would be column {column} of a picture of {width}: slit_deg or focal_length_px is wrong")]
+    OffPicture {
+        /// Where it would be.
+        column: i64,
+        /// Columns of the picture.
+        width: u32,
+    },
+}
+
+impl Mosaic {
+    /// The slit of a picture by a pinhole camera on the arm with the mosaic's focal length and horizon, the middle of whose
+    /// columns looks along the arm: the column that looks v off the arm.
+    ///
+    /// # Errors
+    /// A picture with another number of rows than the mosaic, or without that column.
+    pub fn slit(&self, [width, height]: [u32; 2], gray: &[u8]) -> Result<Slit, JoinError> {
+        let expected = self.image_size_px[1] as usize;
+        let rows = if gray.len() == width as usize * height as usize { height as usize } else { 0 };
+        if rows != expected {
+            return Err(JoinError::Rows { rows, expected });
         }
+        // Left of the axis is a positive angle. A slanted slit is further from the pinhole: its rows are stretched by
+        // 1/cos v, which the mosaic's own focal length must already have.
+        let column = 0.5 * (f64::from(width) - 1.0) - self.parameters.focal_length_px * self.slit_rad.sin();
+        let column = column.round();
+        if !(column >= 0.0 && column < f64::from(width)) {
+            return Err(JoinError::OffPicture { column: column as i64, width });
+        }
+        Ok(Slit { gray: gray.iter().skip(column as usize).step_by(width as usize).copied().collect() })
     }
-    Some(out)
+
+    /// The arm's angle a share of the turn after the mosaic's first column, radians.
+    pub fn arm_at_share_rad(&self, share: f64) -> f64 {
+        self.arm_rad(share * self.width() - 0.5)
+    }
+
+    /// Joins slits, each with its arm's angle ω in radians: every column is the slit whose arm was nearest. As many slits as
+    /// columns make it exact.
+    ///
+    /// # Errors
+    /// No slits, or slits of another mosaic.
+    pub fn join(&self, slits: &[(f64, Slit)]) -> Result<Joined, JoinError> {
+        let [columns, rows] = self.image_size_px.map(|n| n as usize);
+        if let Some((_, slit)) = slits.iter().find(|(_, slit)| slit.gray.len() != rows) {
+            return Err(JoinError::Rows { rows: slit.gray.len(), expected: rows });
+        }
+        let mut joined =
+            Joined { gray: vec![0; columns * rows], slit_of_column: Vec::with_capacity(columns), largest_gap_rad: 0.0 };
+        for u in 0..columns {
+            let arm = self.arm_rad(u as f64);
+            let away = |slit_arm: f64| ((slit_arm - arm + PI).rem_euclid(TAU) - PI).abs();
+            let nearest = slits.iter().enumerate().min_by(|a, b| away(a.1.0).total_cmp(&away(b.1.0)));
+            let (index, (slit_arm, slit)) = nearest.ok_or(JoinError::NoPictures)?;
+            for (v, gray) in slit.gray.iter().enumerate() {
+                joined.gray[v * columns + u] = *gray;
+            }
+            joined.slit_of_column.push(index);
+            joined.largest_gap_rad = joined.largest_gap_rad.max(away(*slit_arm));
+        }
+        Ok(joined)
+    }
 }
 
 #[cfg(test)]
@@ -294,16 +356,18 @@ mod tests {
         // Pictures whose grey level is the direction they look in, one a degree.
         let mosaic = Mosaic::new(parameters(0.0, 0.0), [360, 480]).unwrap();
         let gray: Vec<Vec<u8>> = (0..360).map(|deg: i32| vec![(deg / 2) as u8; 5 * 480]).collect();
-        let pictures: Vec<ArmPicture<'_>> = gray
+        let slits: Vec<(f64, Slit)> = gray
             .iter()
             .enumerate()
-            .map(|(deg, gray)| ArmPicture { arm_rad: (deg as f64 + 0.5).to_radians(), gray })
+            .map(|(deg, gray)| ((deg as f64 + 0.5).to_radians(), mosaic.slit([5, 480], gray).unwrap()))
             .collect();
-        let joined = join(&mosaic, [5, 480], &pictures).unwrap();
+        let joined = mosaic.join(&slits).unwrap();
+        assert!(joined.largest_gap_rad < 1e-9, "{}", joined.largest_gap_rad);
         for bearing_deg in [10.5_f64, 100.5, -90.5] {
             let (sin, cos) = bearing_deg.to_radians().sin_cos();
             let pixel = mosaic.project_direction(&Vector3::new(cos, sin, 0.0)).unwrap();
-            let seen = joined[240 * 360 + pixel.x.round() as usize];
+            let seen = joined.gray[240 * 360 + pixel.x.round() as usize];
+            assert_eq!(joined.slit_of_column[pixel.x.round() as usize] as f64, bearing_deg.rem_euclid(360.0).floor());
             assert_eq!(f64::from(seen), (bearing_deg.rem_euclid(360.0) / 2.0).floor());
         }
     }

@@ -5,10 +5,10 @@ use std::fmt::Write;
 use std::path::{Path, PathBuf};
 
 use clap::ValueEnum;
-use indicatif::ProgressIterator;
+use indicatif::{ProgressBar, ProgressIterator, ProgressStyle};
 use robot_agent::calibration::candidate::{self, Candidate, Kind};
 use robot_agent::calibration::observation::Observations;
-use robot_agent::calibration::selection::select;
+use robot_agent::calibration::selection::select_with;
 use robot_agent::calibration::summary::Summary;
 use robot_agent::calibration::{Board, BoardSize, corner_file, corners, report};
 use robot_agent::capture::read_gray;
@@ -101,7 +101,17 @@ pub(super) fn execute(arguments: &Arguments) -> Result<(), Failure> {
         (None, None) => return Err(Failure::usage("either --corners or --pictures is wanted")),
     };
     let candidates = arguments.candidates(observations.image_size_px)?;
-    let selection = select(&observations, &candidates).map_err(Failure::job)?;
+    // Drawn only where standard error is a terminal.
+    let progress = ProgressBar::new(candidates.len() as u64).with_style(style());
+    let mut started = false;
+    let selection = select_with(&observations, &candidates, |name| {
+        progress.inc(u64::from(started));
+        started = true;
+        progress.set_message(name.to_owned());
+        progress.tick();
+    });
+    progress.finish_and_clear();
+    let selection = selection.map_err(Failure::job)?;
     let summary = Summary::new(&observations, &selection);
     if let Some(path) = &arguments.out {
         super::save(path, &camera_file(&summary))?;
@@ -116,6 +126,11 @@ pub(super) fn execute(arguments: &Arguments) -> Result<(), Failure> {
     let mut numbers = summary.json();
     numbers["remarks"] = json!(remarks);
     super::print(arguments.format, &words, &numbers)
+}
+
+fn style() -> ProgressStyle {
+    ProgressStyle::with_template("{wide_bar} {pos}/{len} models, {elapsed}, fitting: {msg}")
+        .unwrap_or_else(|_| ProgressStyle::default_bar())
 }
 
 impl Arguments {

@@ -21,6 +21,10 @@ pub(super) struct Arguments {
     /// Noise of a corner in each component, px.
     #[arg(long, value_name = "PX", default_value_t = 0.1)]
     sigma_px: f64,
+    /// Length of the viewpoint's locus that is looked for: the power is that of finding one so long, spread like that of the
+    /// report's lens, whose length is the default. `calibrate locus` measures a camera's own.
+    #[arg(long, value_name = "MM", default_value_t = 1e3 * verify::REFERENCE_LOCUS_M)]
+    locus_mm: f64,
     /// How to print the result.
     #[arg(long, value_enum, default_value_t)]
     format: Format,
@@ -37,8 +41,9 @@ pub(super) fn execute(arguments: &Arguments) -> Result<(), Failure> {
             "{file}: corners of pictures of {w}x{h} pixels, the camera's have {cw}x{ch}"
         )));
     }
-    let tests =
-        observations.views.iter().map(|view| verify::single_viewpoint(camera.camera(), view, arguments.sigma_px));
+    let locus_m = 1e-3 * arguments.locus_mm;
+    let test = |view| verify::single_viewpoint(camera.camera(), view, arguments.sigma_px, locus_m);
+    let tests = observations.views.iter().map(test);
     let tests = tests.collect::<Result<Vec<_>, _>>().map_err(Failure::job)?;
     let words: Vec<String> = tests.iter().map(verify::SingleViewpointTest::words).collect();
     let numbers: Vec<_> = tests
@@ -47,6 +52,7 @@ pub(super) fn execute(arguments: &Arguments) -> Result<(), Failure> {
             json!({
                 "view": t.view, "statistic": t.statistic, "dof": t.dof, "p_value": t.p_value,
                 "shape_statistic": t.shape_statistic, "shape_p_value": t.shape_p_value, "power": t.power,
+                "locus_m": t.locus_m,
                 "distance_m": t.distance_m,
                 "verdict": match t.verdict {
                     Verdict::NotOnePoint => "not_one_point",
