@@ -125,7 +125,7 @@ impl PanoramaGeometry {
         Ok(Self { width, height, projection, top: row(high), bottom: row(low), theta0_rad: PI })
     }
 
-    /// The panorama that suits a camera: all its elevations, on a cylinder up to ±60° and on a sphere beyond.
+    /// The panorama that suits a camera: all elevations that it sees as it is mounted, on a cylinder up to ±60° and on a sphere beyond.
     ///
     /// The rule: as many columns as the radial scale of the picture, averaged over the field of view, has pixels on a
     /// full circle, rounded down to a multiple of 120 (so columns never outnumber what the picture resolves at
@@ -136,7 +136,7 @@ impl PanoramaGeometry {
     /// [`GeometryError::NotPanoramic`].
     pub fn for_camera(camera: &MountedCamera) -> Result<Self, GeometryError> {
         const CYLINDER_LIMIT_RAD: f64 = PI / 3.0;
-        let elevation_rad = camera.camera().elevation_rad();
+        let elevation_rad = elevations_in_the_body(camera);
         let scale = radial_px_per_rad(camera).filter(|_| camera.camera().is_panoramic());
         let Some(scale) = scale else { return Err(GeometryError::NotPanoramic { model: camera.camera().model() }) };
         let columns = (TAU * scale / f64::from(Self::WIDTH_STEP)).floor() as u32;
@@ -237,6 +237,29 @@ impl PanoramaGeometry {
             Projection::Sphere => coordinate,
         }
     }
+}
+
+/// The elevations [lowest, highest] that a mounted camera shows, in the body frame: the camera's own where its axis is nearly
+/// upright (a small tilt changes no panorama), upside down where it hangs, and those of its picture where it looks aside.
+fn elevations_in_the_body(camera: &MountedCamera) -> [f64; 2] {
+    /// Cosine of 20°.
+    const NEARLY_UPRIGHT: f64 = 0.94;
+    const STEPS: u32 = 64;
+    let [low, high] = camera.camera().elevation_rad();
+    let up = camera.mounting().body_from_camera_rotation() * nalgebra::Vector3::z();
+    if up.z > NEARLY_UPRIGHT {
+        return [low, high];
+    }
+    if up.z < -NEARLY_UPRIGHT {
+        return [-high, -low];
+    }
+    let [w, h] = camera.image_size_px().map(f64::from);
+    let at = |i: u32, side: f64| f64::from(i) / f64::from(STEPS) * side - 0.5;
+    let pixels = (0..=STEPS).flat_map(|i| (0..=STEPS).map(move |j| (i, j)));
+    let elevations = pixels.filter_map(|(i, j)| {
+        camera.bearing_elevation_rad(&nalgebra::Vector2::new(at(i, w), at(j, h))).map(|(_, elevation)| elevation)
+    });
+    elevations.fold([f64::INFINITY, f64::NEG_INFINITY], |[a, b], e| [a.min(e), b.max(e)])
 }
 
 /// Pixels a radian of elevation, averaged over what the picture shows of the first meridian that shows most.

@@ -33,6 +33,8 @@ use still::{Still, StillPicture};
 /// Grey level of the light that all but [`BRIGHTEST_SHARE`] of the pixels stay below.
 const FULL_GRAY: f32 = 215.0;
 const BRIGHTEST_SHARE: f64 = 0.01;
+/// The exposure is for directions up to this slope above and below the horizon (31°).
+const EXPOSED_SLOPE: f32 = 0.6;
 
 /// A picture and what is seen in it.
 #[derive(Debug, Clone, PartialEq)]
@@ -188,7 +190,13 @@ impl Renderer {
     /// Chooses the exposure from the empty room.
     fn expose(&mut self) {
         let strength = [1.0; crate::world::MAX_LAMPS];
-        let mut light: Vec<f32> = self.rays.lit.iter().map(|p| self.still.glow[*p as usize].total(&strength)).collect();
+        // For what stands about: a camera that sees the ceiling must not be blinded by its lamps.
+        let about = |p: &&u32| self.rays.slope[**p as usize].abs() < EXPOSED_SLOPE;
+        let mut pixels: Vec<u32> = self.rays.lit.iter().filter(about).copied().collect();
+        if pixels.is_empty() {
+            pixels.clone_from(&self.rays.lit);
+        }
+        let mut light: Vec<f32> = pixels.iter().map(|p| self.still.glow[*p as usize].total(&strength)).collect();
         light.sort_by(f32::total_cmp);
         let place = (light.len() as f64 * (1.0 - BRIGHTEST_SHARE)) as usize;
         let bright = light.get(place.min(light.len().saturating_sub(1))).copied().unwrap_or(1.0);

@@ -116,6 +116,16 @@ impl Fit {
         start: &FreeCamera,
         poses: Vec<ViewPose>,
     ) -> Result<Self, BundleError> {
+        Self::in_rounds(observations, start, poses, MAX_ROUNDS)
+    }
+
+    /// As [`Fit::from_poses`] with at most so many rounds of reweighting; one round is plain least squares.
+    pub(crate) fn in_rounds(
+        observations: &Observations,
+        start: &FreeCamera,
+        poses: Vec<ViewPose>,
+        rounds: usize,
+    ) -> Result<Self, BundleError> {
         let (camera_unknowns, measurements) = (start.unknowns().len(), 2 * observations.points());
         let unknowns = camera_unknowns + 6 * observations.views.len();
         if measurements <= unknowns {
@@ -124,7 +134,7 @@ impl Fit {
         let weights: Vec<Vec<f64>> = observations.views.iter().map(|v| vec![1.0; v.points.len()]).collect();
         let mut problem = Problem::new(observations, start.clone(), poses, weights);
         let mut reason = TerminationReason::LostPatience;
-        for _ in 0..MAX_ROUNDS {
+        for round in 1..=rounds {
             if camera_unknowns > 0 {
                 let solver =
                     LevenbergMarquardt::new().with_ftol(1e-10).with_xtol(1e-9).with_gtol(1e-10).with_patience(30);
@@ -137,7 +147,8 @@ impl Fit {
             } else {
                 reason = TerminationReason::Converged { ftol: true, xtol: true };
             }
-            if !problem.reweigh() {
+            // The last weights are those that the result was fitted with.
+            if round == rounds || !problem.reweigh() {
                 break;
             }
         }

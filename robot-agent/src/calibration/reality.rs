@@ -208,7 +208,13 @@ fn the_xml_of_opencv_is_calibrated_to_opencv_s_own_error() {
     let observations = corner_file::read(&data("calib_opencv_omnidir/omni_calib_data.xml")).unwrap();
     let selection = calibrated(&observations, &[Kind::UnifiedSphere]);
     let fit = &selection.best().fit;
-    // OpenCV: rms 0.812 px, centre (630.3, 431.9).
+    // OpenCV: rms 0.812 px, centre (630.3, 431.9). Its fit is plain least squares; ours lets points far off count less, so
+    // that the rms over all of them is a little larger. As plain least squares ours is OpenCV's.
+    let opencv = selection.judged.iter().find(|j| j.name == "unified sphere, all terms").unwrap();
+    let plain = Fit::in_rounds(&observations, &opencv.fit.camera, opencv.fit.poses.clone(), 1).unwrap();
+    println!("robust {:.4}, plain {:.4} px, centre {:?}", fit.rms_px(), plain.rms_px(), centre(&plain).as_slice());
+    assert!((plain.rms_px() - 0.812).abs() < 0.001, "{}", plain.rms_px());
+    assert!((centre(&plain) - Vector2::new(630.3, 431.9)).norm() < 0.3, "{}", centre(&plain));
     assert!(fit.rms_px() < 0.83 && (centre(fit) - Vector2::new(630.3, 431.9)).norm() < 1.5, "{}", centre(fit));
 }
 

@@ -7,7 +7,7 @@
 use std::f64::consts::{FRAC_PI_2, PI};
 use std::sync::{Arc, OnceLock};
 
-use nalgebra::{Vector2, Vector3};
+use nalgebra::{Matrix2x3, RowVector3, Vector2, Vector3};
 
 use super::parameter::{Design, check_aspect, check_centre, check_elevations};
 use super::{Camera, NormalisedPlane, Parameter, ParameterError, Ray};
@@ -26,6 +26,15 @@ pub struct AxialRay {
     pub zenith_rad: f64,
 }
 
+/// How a ray changes with its image radius, per px.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct AxialSlope {
+    /// Of the origin, mm/px.
+    pub origin_mm: [f64; 2],
+    /// Of the angle, rad/px.
+    pub zenith_rad: f64,
+}
+
 /// The optics in a half-plane through the axis z. Lengths in mm, image radii in px along v, r ≥ 0.
 pub trait AxialOptics: std::fmt::Debug + Clone + Send + Sync + 'static {
     /// The ray that an image radius ≥ 0 sees; `None` where there is none.
@@ -37,6 +46,26 @@ pub trait AxialOptics: std::fmt::Debug + Clone + Send + Sync + 'static {
     /// The image radius of a point (r, z).
     fn radius_of_point(&self, r_mm: f64, z_mm: f64) -> Option<f64> {
         self.radius_of_zenith(r_mm.atan2(z_mm))
+    }
+
+    /// How the ray changes along the image radius; by differences of the rays where a model has no closed form (relative
+    /// truncation 10⁻⁸, rounding 10⁻¹¹).
+    fn slope_of_radius(&self, radius_px: f64) -> Option<AxialSlope> {
+        let step = 1e-4 * radius_px.max(1e-2 * self.focal_length_px());
+        let at = |k: f64| self.ray_of_radius(radius_px + k * step);
+        let combined = |parts: &[(f64, AxialRay)]| {
+            let sum = |of: &dyn Fn(&AxialRay) -> f64| parts.iter().map(|(w, ray)| w * of(ray)).sum::<f64>() / step;
+            let origin_mm = [sum(&|ray| ray.origin_mm[0]), sum(&|ray| ray.origin_mm[1])];
+            AxialSlope { origin_mm, zenith_rad: sum(&|ray| ray.zenith_rad) }
+        };
+        // On one side only at an end of what is seen, and at the axis.
+        let inner = if radius_px >= step { at(-1.0) } else { None };
+        match (inner, at(1.0)) {
+            (Some(inner), Some(outer)) => Some(combined(&[(-0.5, inner), (0.5, outer)])),
+            (_, Some(outer)) => Some(combined(&[(-1.5, at(0.0)?), (2.0, outer), (-0.5, at(2.0)?)])),
+            (Some(inner), None) => Some(combined(&[(1.5, at(0.0)?), (-2.0, inner), (0.5, at(-2.0)?)])),
+            (None, None) => None,
+        }
     }
 
     /// The point of the axis that all rays pass (z, mm); `None` where there is none.
@@ -182,6 +211,29 @@ impl<D: AxialDesign> Camera for Axial<D> {
             origin_m: Vector3::new(r * cos, r * sin, self.up() * z) * M_FROM_MM,
             direction: Vector3::new(sin_z * cos, sin_z * sin, self.up() * cos_z),
         })
+    }
+
+    /// A point (r, z) appears at the radius whose ray passes it, F = (r − r₀) cos ζ − (z − z₀) sin ζ = 0 with origin (r₀, z₀)
+    /// and angle ζ functions of the radius; so ∂radius/∂(r, z) = −(cos ζ, −sin ζ)/F′.
+    fn point_jacobian(&self, point_m: &Vector3<f64>) -> Option<Matrix2x3<f64>> {
+        is_somewhere(point_m).then_some(())?;
+        let (r, z) = (point_m.x.hypot(point_m.y) / M_FROM_MM, self.up() * point_m.z / M_FROM_MM);
+        let radius = self.optics.radius_of_point(r, z)?;
+        let AxialRay { origin_mm: [r0, z0], zenith_rad } = self.optics.ray_of_radius(radius)?;
+        let slope = self.optics.slope_of_radius(radius)?;
+        let (sin_z, cos_z) = zenith_rad.sin_cos();
+        let along = (r - r0) * sin_z + (z - z0) * cos_z;
+        let by_radius = -slope.origin_mm[0] * cos_z + slope.origin_mm[1] * sin_z - along * slope.zenith_rad;
+        let (by_r, by_z) = (-cos_z / by_radius, sin_z / by_radius);
+        (by_r.is_finite() && by_z.is_finite()).then_some(())?;
+        let (cos, sin) = azimuth(point_m.x, point_m.y);
+        // Across the meridian the radius stays: the picture turns with the point. On the axis all azimuths are alike.
+        let across = if r > 1e-9 * z.abs() { radius / r } else { by_r };
+        let outwards = Vector2::new(self.plane.aspect * cos, sin);
+        let sideways = Vector2::new(-self.plane.aspect * sin, cos);
+        let jacobian = outwards * RowVector3::new(by_r * cos, by_r * sin, by_z * self.up())
+            + sideways * RowVector3::new(-across * sin, across * cos, 0.0);
+        Some(jacobian / M_FROM_MM)
     }
 
     fn is_in_field_of_view(&self, pixel: &Vector2<f64>) -> bool {

@@ -18,7 +18,7 @@ use std::f64::consts::{FRAC_PI_2, PI};
 use serde::{Deserialize, Serialize};
 
 use super::ParameterError;
-use super::axial::{Axial, AxialDesign, AxialOptics, AxialRay, ImagePlane};
+use super::axial::{Axial, AxialDesign, AxialOptics, AxialRay, AxialSlope, ImagePlane};
 use super::parameter::{Design, Numbers, check_finite, check_focal_lengths, one_or_each};
 use super::root::root;
 
@@ -126,6 +126,18 @@ impl AxialOptics for FisheyeOptics {
             FisheyeLaw::KannalaBrandt => self.inverse(x)?,
         };
         (zenith_rad <= self.limit_rad).then_some(AxialRay { origin_mm: [0.0; 2], zenith_rad })
+    }
+
+    fn slope_of_radius(&self, radius_px: f64) -> Option<AxialSlope> {
+        let x = radius_px / self.focal_length_px;
+        let by_x = match self.law {
+            FisheyeLaw::Equidistant => 1.0,
+            FisheyeLaw::Stereographic => (1.0 + 0.25 * x * x).recip(),
+            FisheyeLaw::Equisolid => (1.0 - 0.25 * x * x).sqrt().recip(),
+            FisheyeLaw::Orthographic => (1.0 - x * x).sqrt().recip(),
+            FisheyeLaw::KannalaBrandt => kannala_brandt(self.k, self.inverse(x)?).1.recip(),
+        };
+        Some(AxialSlope { origin_mm: [0.0; 2], zenith_rad: by_x / self.focal_length_px })
     }
 
     fn focal_length_px(&self) -> f64 {

@@ -13,7 +13,7 @@
 
 use std::sync::Arc;
 
-use nalgebra::{Rotation3, Vector2, Vector3};
+use nalgebra::{Matrix2, Matrix2x3, Rotation3, Vector2, Vector3};
 use serde::{Deserialize, Serialize};
 
 use super::lens_distortion::LensDistortion;
@@ -143,6 +143,25 @@ impl Camera for Misaligned {
 
     fn ray_of_image(&self, pixel: &Vector2<f64>) -> Option<Ray> {
         self.aligned.ray_of_image(&self.ideal(pixel)?)
+    }
+
+    fn point_jacobian(&self, point_m: &Vector3<f64>) -> Option<Matrix2x3<f64>> {
+        let by_point = self.aligned.point_jacobian(point_m)?;
+        let ideal = self.normalised(&self.aligned.image_of_point(point_m)?);
+        let moved = match self.map {
+            Map::Tangential(lens) => lens.distort(&ideal)?.1,
+            Map::Tilt(rotation) => {
+                let ray = rotation * ideal.push(1.0);
+                (ray.z > 1e-3).then_some(())?;
+                // ∂(x/z, y/z) = (∂(x, y) − (x/z, y/z) ∂z)/z.
+                let by_ideal = rotation.matrix().fixed_view::<3, 2>(0, 0);
+                (by_ideal.fixed_view::<2, 2>(0, 0) - ray.xy() / ray.z * by_ideal.row(2)) / ray.z
+            }
+        };
+        let [fx, fy] = self.plane.focal_length_px;
+        let scale = Matrix2::from_diagonal(&Vector2::new(fx, fy));
+        let inverse = Matrix2::from_diagonal(&Vector2::new(fx.recip(), fy.recip()));
+        Some(scale * moved * inverse * by_point)
     }
 
     fn is_in_field_of_view(&self, pixel: &Vector2<f64>) -> bool {

@@ -12,7 +12,7 @@
 use std::f64::consts::{FRAC_PI_2, PI};
 use std::sync::{Arc, OnceLock};
 
-use nalgebra::{Matrix2, Vector2, Vector3};
+use nalgebra::{Matrix2, Matrix2x3, RowVector3, Vector2, Vector3};
 use serde::{Deserialize, Serialize};
 
 use super::axial::is_somewhere;
@@ -261,6 +261,29 @@ impl Camera for Polynomial {
 
     fn image_of_direction(&self, direction: &Vector3<f64>) -> Option<Vector2<f64>> {
         self.image_of_point(direction)
+    }
+
+    /// With ρ(θ) and tan θ = −z/r; for OCamCalib's f, f(ρ) cos θ = ρ sin θ gives dρ/dθ = (f sin θ + ρ cos θ)/(f′ cos θ − sin θ).
+    fn point_jacobian(&self, point_m: &Vector3<f64>) -> Option<Matrix2x3<f64>> {
+        is_somewhere(point_m).then_some(())?;
+        let radius = point_m.x.hypot(point_m.y);
+        let theta = (-point_m.z).atan2(radius);
+        let rho = self.radius_of_theta(theta)?;
+        let by_theta = if self.parameters.forward.is_empty() {
+            horner(&self.parameters.inverse, theta).1
+        } else {
+            let ((f, slope), (sin, cos)) = (horner(&self.parameters.forward, rho), theta.sin_cos());
+            (f * sin + rho * cos) / (slope * cos - sin)
+        };
+        by_theta.is_finite().then_some(())?;
+        let square = point_m.norm_squared();
+        let (by_r, by_z) = (by_theta * point_m.z / square, -by_theta * radius / square);
+        let azimuth = if radius > 0.0 { point_m.xy() / radius } else { Vector2::x() };
+        let sideways = Vector2::new(-azimuth.y, azimuth.x);
+        let across = if radius > 1e-9 * point_m.z.abs() { rho / radius } else { by_r };
+        let offset_by_point = azimuth * RowVector3::new(by_r * azimuth.x, by_r * azimuth.y, by_z)
+            + sideways * RowVector3::new(across * sideways.x, across * sideways.y, 0.0);
+        Some(self.affine() * offset_by_point)
     }
 
     fn ray_of_image(&self, pixel: &Vector2<f64>) -> Option<Ray> {

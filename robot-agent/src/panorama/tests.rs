@@ -224,6 +224,37 @@ fn a_tilted_camera_s_panorama_is_invalid_where_nothing_was_seen_and_zero_there()
 }
 
 #[test]
+fn a_fisheye_that_looks_ahead_or_down_gets_a_panorama_of_what_it_sees() {
+    let parameters = crate::optics::FisheyeParameters {
+        law: crate::optics::FisheyeLaw::Equidistant,
+        focal_length_px: [170.0; 2],
+        centre_px: [383.5, 287.5],
+        k: [0.0; 4],
+    };
+    let fisheye = crate::optics::Fisheye::new(parameters, [768, 576]).unwrap();
+    let looking = |pitch_deg: f64| {
+        let mut mounting = Mounting::at_height(0.6);
+        mounting.rotation_rpy_rad[1] = pitch_deg.to_radians();
+        MountedCamera::new(fisheye.clone(), mounting)
+    };
+    let ahead = looking(90.0);
+    let panorama = PanoramaGeometry::for_camera(&ahead).unwrap();
+    let [low, high] = panorama.elevation_rad().map(f64::to_degrees);
+    assert!(low < -80.0 && high > 80.0, "{low} {high}");
+    let lut = Lut::panorama(&ahead, &panorama);
+    let valid = |bearing_deg: f64, elevation_deg: f64| {
+        let column = panorama.column_of_bearing(bearing_deg.to_radians()).round() as usize;
+        let row = panorama.row_of_elevation(elevation_deg.to_radians()).round() as usize;
+        lut.valid()[row * panorama.width() as usize + column]
+    };
+    assert!(valid(0.0, 0.0) && valid(0.0, -60.0) && valid(0.0, 60.0) && valid(-60.0, -20.0) && !valid(180.0, 0.0));
+    // Straight down it sees what straight up it would see above.
+    let [low, high] = PanoramaGeometry::for_camera(&looking(180.0)).unwrap().elevation_rad();
+    let [up_low, up_high] = PanoramaGeometry::for_camera(&looking(0.0)).unwrap().elevation_rad();
+    assert!((low + up_high).abs() < 1e-9 && (high + up_low).abs() < 1e-9, "{low} {high} {up_low} {up_high}");
+}
+
+#[test]
 fn a_masked_source_pixel_makes_every_pixel_invalid_that_would_mix_it_in() {
     let map = |u: u32, v: u32| Some(Vector2::new(f64::from(u) * 0.5, f64::from(v) * 0.5));
     let mut lut = Lut::from_map([9, 9], [5, 5], map);
