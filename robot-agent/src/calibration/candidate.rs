@@ -207,11 +207,16 @@ pub fn of_design(camera: &dyn Camera) -> Result<Vec<Candidate>, ParameterError> 
             ]);
             let plain: Vec<&str> = picture.iter().map(String::as_str).collect();
             let full: Vec<&str> = all.iter().map(String::as_str).collect();
-            if plain == full {
-                vec![candidate("", &plain)]
-            } else {
-                vec![candidate("", &plain), candidate(", all terms", &full)]
+            let mut variants = vec![candidate("", &plain)];
+            if plain != full {
+                variants.push(candidate(", all terms", &full));
             }
+            // Where a pinhole stands before a mirror is a matter of assembly; without a single viewpoint it shows.
+            if matches!(camera.model(), "spherical" | "conic") {
+                let assembled: Vec<&str> = full.iter().copied().chain(["h_mm"]).collect();
+                variants.push(candidate(", all terms and the pinhole's distance", &assembled));
+            }
+            variants
         }
     };
     // The richest variant askew, where the camera has one pinhole.

@@ -13,6 +13,8 @@ use crate::calibration::summary::Summary;
 use crate::calibration::{Board, BoardSize};
 use crate::optics::{Camera, Pal, PalDesign, UnifiedSphere, UnifiedSphereParameters};
 
+mod designs;
+
 const SIGMA_PX: f64 = 0.15;
 const RUNS: u64 = 100;
 
