@@ -14,6 +14,7 @@ pub mod centre;
 pub mod conversion;
 pub mod corner_file;
 pub mod corners;
+pub mod floor;
 pub mod formats;
 pub mod free_camera;
 mod gradient;

@@ -169,3 +169,43 @@ fn the_locus_is_measured_from_a_ruler_at_two_distances() {
     assert_fails(&calibrate(folder.path(), &arguments), 2, &["rulers.json", "two distances"]);
     assert_fails(&calibrate(folder.path(), &["locus", "rulers.json"]), 2, &["--camera"]);
 }
+
+#[test]
+fn a_camera_file_that_does_not_fit_the_floor_s_lines_is_refused() {
+    use robot_agent::optics::MountedCamera;
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name);
+    let file = |focal: f64| {
+        let mounting = "[mounting]\nheight_m = 0.8\nrotation_rpy_deg = [180.0, 0.0, 0.0]\n";
+        format!(
+            "model = \"fisheye\"\nimage_size_px = [640, 480]\n[fisheye]\nlaw = \"equidistant\"\nfocal_length_px = {focal:?}\n\
+             centre_px = [320.0, 240.0]\n{mounting}"
+        )
+    };
+    std::fs::write(path("right.toml"), file(150.0)).unwrap();
+    std::fs::write(path("wrong.toml"), file(138.0)).unwrap();
+    let camera = MountedCamera::load(&path("right.toml")).unwrap();
+    // Two lines and a circle round a robot at (0.4, 0.2) m.
+    let circle = |t: f64| [1.5 * t.cos(), 1.5 * t.sin()];
+    let places = (0..120).flat_map(|k| {
+        let t = f64::from(k) * 0.052;
+        [[0.4 * t - 1.2, -1.8], [-1.9, 0.5 * t - 1.5], circle(t)]
+    });
+    let points: Vec<[f64; 2]> = places
+        .filter_map(|[x, y]| camera.project_body(&nalgebra::Vector3::new(x - 0.4, y - 0.2, 0.0)).map(|p| [p.x, p.y]))
+        .collect();
+    std::fs::write(path("points.json"), serde_json::to_string(&points).unwrap()).unwrap();
+    let plan = serde_json::json!({ "lines_m": [[-3.0, -1.8, 3.0, -1.8], [-1.9, -3.0, -1.9, 3.0]], "circles_m": [[0.0, 0.0, 1.5]] });
+    std::fs::write(path("plan.json"), plan.to_string()).unwrap();
+    let arguments =
+        |file| ["floor", "plan.json", "points.json", "--camera", file, "--sigma-px", "0.3", "--format", "json"];
+    let report = json(&calibrate(folder.path(), &arguments("right.toml")));
+    assert_eq!(report["fits"], true);
+    let off = (report["x_m"].as_f64().unwrap() - 0.4).hypot(report["y_m"].as_f64().unwrap() - 0.2);
+    assert!(off < 1e-3, "{report}");
+    let refused = calibrate(folder.path(), &arguments("wrong.toml"));
+    assert_fails(&refused, 1, &["wrong.toml", "does not fit"]);
+    assert!(String::from_utf8_lossy(&refused.stdout).contains("\"fits\":false"));
+    std::fs::write(path("plan.json"), "{\"lines\":[]}").unwrap();
+    assert_fails(&calibrate(folder.path(), &arguments("right.toml")), 2, &["plan.json", "lines"]);
+}

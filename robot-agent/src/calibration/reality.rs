@@ -12,12 +12,14 @@ use super::bundle::Fit;
 use super::candidate::Kind;
 use super::corner_file;
 use super::corners::find_board;
+use super::floor::{self, Plan};
 use super::observation::Observations;
 use super::rim::{self, Rim};
 use super::selection::{Selection, select};
 use super::summary::Summary;
 use super::{Board, BoardSize};
 use crate::capture::read_gray;
+use crate::optics::CameraFile;
 
 fn data(name: &str) -> PathBuf {
     Path::new(&std::env::var("PALTEAM_DATA").expect("PALTEAM_DATA names the folder of recordings")).join(name)
@@ -244,4 +246,49 @@ fn corners_found_in_the_pictures_calibrate_as_well() {
     assert!(selection.best().fit.mean_px() <= 0.28, "{}", selection.best().fit.mean_px());
     let off = (centre(&selection.best().fit) - Vector2::new(324.47, 247.71)).norm();
     assert!(off < 0.4, "{off} px from the published centre");
+}
+
+/// The RoboCup field (middle-size league) of NuBot's robots: 18 × 12 m, lines 12.5 cm wide.
+fn field() -> Plan {
+    let (x, y) = (9.0, 6.0);
+    let box_of = |x0: f64, x1: f64, y: f64| [[x0, -y, x1, -y], [x0, y, x1, y], [x0, -y, x0, y], [x1, -y, x1, y]];
+    let mut lines_m = vec![[0.0, -y, 0.0, y]];
+    lines_m.extend(box_of(-x, x, y));
+    for side in [-1.0, 1.0] {
+        lines_m.extend(box_of(side * x, side * 6.75, 3.25));
+        lines_m.extend(box_of(side * x, side * 8.25, 1.75));
+    }
+    Plan { lines_m, circles_m: vec![[0.0, 0.0, 2.0]], line_width_m: 0.125 }
+}
+
+/// NuBot's law, distance on the floor = a tan(b ρ), is a camera that looks down from a with an equal angle b a pixel.
+#[test]
+#[ignore = "needs PALTEAM_DATA"]
+fn a_mirror_calibration_that_was_copied_from_another_robot_is_noticed() {
+    for (robot, right) in [(1, true), (5, true), (3, false)] {
+        let folder = data(&format!("calib_nubot_mirror/{robot}"));
+        let xml = std::fs::read_to_string(folder.join("mirror_calib.xml")).unwrap();
+        let xml = roxmltree::Document::parse(&xml).unwrap();
+        let number = |name: &str| -> f64 {
+            let node = xml.descendants().find(|n| n.has_tag_name(name)).unwrap();
+            node.text().unwrap().trim().parse().unwrap()
+        };
+        let text = format!(
+            "model = \"fisheye\"\nimage_size_px = [480, 480]\n[fisheye]\nlaw = \"equidistant\"\nfocal_length_px = {}\n\
+             centre_px = [{}, {}]\n[mounting]\nheight_m = {}\nrotation_rpy_deg = [180.0, 0.0, 0.0]\n",
+            number("para_b").recip(),
+            number("center_coloum"),
+            number("center_row"),
+            number("para_a")
+        );
+        let camera = CameraFile::parse(&text, "mirror_calib.xml".as_ref()).unwrap().mount().unwrap();
+        let whites = std::fs::read_to_string(folder.join("whites.txt")).unwrap();
+        let numbers: Vec<f64> = whites.split_whitespace().map(|n| n.parse().unwrap()).collect();
+        let points: Vec<[f64; 2]> = numbers.chunks_exact(2).map(|p| [p[0], p[1]]).collect();
+        let fit = floor::fit(&camera, &field(), &points, 0.5, 5.0).unwrap();
+        println!("robot {robot}: {}", fit.words());
+        assert_eq!(fit.fits(), right, "{fit:?}");
+        // Others reach 3.7 to 4.2 cm in the median.
+        assert!(!right || fit.median_m < 0.042, "{fit:?}");
+    }
 }

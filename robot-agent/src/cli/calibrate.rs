@@ -2,6 +2,7 @@
 
 mod centre;
 mod convert;
+mod floor;
 mod locus;
 mod model;
 mod mounting;
@@ -30,6 +31,7 @@ enum Job {
     Radial(radial::Arguments),
     Verify(verify::Arguments),
     Locus(locus::Arguments),
+    Floor(floor::Arguments),
     Mounting(mounting::Arguments),
     Import(convert::Import),
     Export(convert::Export),
@@ -43,6 +45,7 @@ pub(super) fn execute(arguments: &Arguments) -> Result<(), Failure> {
         Job::Radial(arguments) => radial::execute(arguments),
         Job::Verify(arguments) => verify::execute(arguments),
         Job::Locus(arguments) => locus::execute(arguments),
+        Job::Floor(arguments) => floor::execute(arguments),
         Job::Mounting(arguments) => mounting::execute(arguments),
         Job::Import(arguments) => convert::import(arguments),
         Job::Export(arguments) => convert::export(arguments),
