@@ -11,14 +11,13 @@
 //! displaced by Ω·Δt. Source: report 5.3 with its erratum, `MATHS.md` §1.1 (8).
 
 use std::f64::consts::{FRAC_PI_2, PI, TAU};
-use std::sync::Arc;
 
 use nalgebra::{Vector2, Vector3};
 use serde::{Deserialize, Serialize};
 
 use super::axial::is_somewhere;
-use super::parameter::{Design, check_positive_px, design};
-use super::{Camera, Parameter, ParameterError, Ray, bearing_rad};
+use super::parameter::{camera_by_design, check_positive_px, design};
+use super::{Camera, ParameterError, Ray, bearing_rad};
 
 /// The parameters of `[mosaic]` in `camera.toml`.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -121,13 +120,7 @@ impl Mosaic {
 }
 
 impl Camera for Mosaic {
-    fn model(&self) -> &'static str {
-        "mosaic"
-    }
-
-    fn image_size_px(&self) -> [u32; 2] {
-        self.image_size_px
-    }
+    camera_by_design!("mosaic");
 
     fn image_of_point(&self, point_m: &Vector3<f64>) -> Option<Vector2<f64>> {
         is_somewhere(point_m).then_some(())?;
@@ -164,18 +157,6 @@ impl Camera for Mosaic {
 
     fn is_panoramic(&self) -> bool {
         true
-    }
-
-    fn parameters(&self) -> Vec<Parameter> {
-        Design::parameters(&self.parameters)
-    }
-
-    fn with_values(&self, values: &[f64]) -> Result<Arc<dyn Camera>, ParameterError> {
-        Ok(Arc::new(Self::new(self.parameters.with_values(values), self.image_size_px)?))
-    }
-
-    fn table(&self) -> toml::Table {
-        self.parameters.table()
     }
 
     /// A radial slit's rays pass the axis at all slopes, so the best point is the centre of the circle for any slit.

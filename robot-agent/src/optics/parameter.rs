@@ -107,6 +107,37 @@ macro_rules! design {
 }
 pub(crate) use design;
 
+/// The methods of [`crate::optics::Camera`] that are the same for every model whose struct is `parameters` and
+/// `image_size_px`, made by `new`.
+macro_rules! camera_by_design {
+    ($model:literal) => {
+        fn model(&self) -> &'static str {
+            $model
+        }
+
+        fn image_size_px(&self) -> [u32; 2] {
+            self.image_size_px
+        }
+
+        fn parameters(&self) -> Vec<$crate::optics::Parameter> {
+            $crate::optics::parameter::Design::parameters(&self.parameters)
+        }
+
+        fn with_values(
+            &self,
+            values: &[f64],
+        ) -> Result<std::sync::Arc<dyn $crate::optics::Camera>, $crate::optics::ParameterError> {
+            let parameters = $crate::optics::parameter::Design::with_values(&self.parameters, values);
+            Ok(std::sync::Arc::new(Self::new(parameters, self.image_size_px)?))
+        }
+
+        fn table(&self) -> toml::Table {
+            $crate::optics::parameter::Design::table(&self.parameters)
+        }
+    };
+}
+pub(crate) use camera_by_design;
+
 /// One number for both axes, or one each.
 pub(crate) fn one_or_each<'de, D: Deserializer<'de>>(deserializer: D) -> Result<[f64; 2], D::Error> {
     #[derive(Deserialize)]

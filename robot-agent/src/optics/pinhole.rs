@@ -1,14 +1,14 @@
 //! An ordinary camera with the five-coefficient lens distortion of OpenCV (`model = "pinhole"`), so that ordinary video
 //! can be tracked. The optical axis is the camera's x: u = cx − fx·y/x, v = cy − fy·z/x.
 
-use std::sync::{Arc, OnceLock};
+use std::sync::OnceLock;
 
 use nalgebra::{Matrix2, Matrix2x3, Vector2, Vector3};
 use serde::{Deserialize, Serialize};
 
 use super::lens_distortion::LensDistortion;
-use super::parameter::{Design, check_centre, check_finite, check_focal_lengths, design, one_or_each};
-use super::{Camera, NormalisedPlane, Parameter, ParameterError, Ray, elevations_on_the_picture};
+use super::parameter::{camera_by_design, check_centre, check_finite, check_focal_lengths, design, one_or_each};
+use super::{Camera, NormalisedPlane, ParameterError, Ray, elevations_on_the_picture};
 
 /// The parameters of `[pinhole]` in `camera.toml`.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -64,13 +64,7 @@ impl Pinhole {
 }
 
 impl Camera for Pinhole {
-    fn model(&self) -> &'static str {
-        "pinhole"
-    }
-
-    fn image_size_px(&self) -> [u32; 2] {
-        self.image_size_px
-    }
+    camera_by_design!("pinhole");
 
     fn image_of_point(&self, point_m: &Vector3<f64>) -> Option<Vector2<f64>> {
         self.image(point_m).map(|(pixel, _)| pixel)
@@ -99,18 +93,6 @@ impl Camera for Pinhole {
 
     fn is_panoramic(&self) -> bool {
         false
-    }
-
-    fn parameters(&self) -> Vec<Parameter> {
-        Design::parameters(&self.parameters)
-    }
-
-    fn with_values(&self, values: &[f64]) -> Result<Arc<dyn Camera>, ParameterError> {
-        Ok(Arc::new(Self::new(self.parameters.with_values(values), self.image_size_px)?))
-    }
-
-    fn table(&self) -> toml::Table {
-        self.parameters.table()
     }
 
     fn point_jacobian(&self, point_m: &Vector3<f64>) -> Option<Matrix2x3<f64>> {

@@ -10,15 +10,15 @@
 //! Source: Scaramuzza, Martinelli and Siegwart 2006; OCamCalib's `cam2world` and `world2cam`.
 
 use std::f64::consts::{FRAC_PI_2, PI};
-use std::sync::{Arc, OnceLock};
+use std::sync::OnceLock;
 
 use nalgebra::{Matrix2, Matrix2x3, RowVector3, Vector2, Vector3};
 use serde::{Deserialize, Serialize};
 
 use super::axial::is_somewhere;
-use super::parameter::{Design, Numbers, check_centre, check_finite};
+use super::parameter::{Design, Numbers, camera_by_design, check_centre, check_finite};
 use super::root::root;
-use super::{Camera, NormalisedPlane, Parameter, ParameterError, Ray, elevations_on_the_picture, is_in_image};
+use super::{Camera, NormalisedPlane, ParameterError, Ray, elevations_on_the_picture, is_in_image};
 
 /// Furthest that `inverse` may be off `forward` on the picture before they belong to different cameras, px.
 const MAX_DISAGREEMENT_PX: f64 = 2.0;
@@ -243,13 +243,7 @@ fn horner(coefficients: &[f64], x: f64) -> (f64, f64) {
 }
 
 impl Camera for Polynomial {
-    fn model(&self) -> &'static str {
-        "polynomial"
-    }
-
-    fn image_size_px(&self) -> [u32; 2] {
-        self.image_size_px
-    }
+    camera_by_design!("polynomial");
 
     fn image_of_point(&self, point_m: &Vector3<f64>) -> Option<Vector2<f64>> {
         is_somewhere(point_m).then_some(())?;
@@ -307,18 +301,6 @@ impl Camera for Polynomial {
     /// Everything round the axis is on the picture up to a ring that looks off the axis.
     fn is_panoramic(&self) -> bool {
         is_in_image(&Vector2::from(self.parameters.centre_px), self.image_size_px)
-    }
-
-    fn parameters(&self) -> Vec<Parameter> {
-        Design::parameters(&self.parameters)
-    }
-
-    fn with_values(&self, values: &[f64]) -> Result<Arc<dyn Camera>, ParameterError> {
-        Ok(Arc::new(Self::new(Design::with_values(&self.parameters, values), self.image_size_px)?))
-    }
-
-    fn table(&self) -> toml::Table {
-        self.parameters.table()
     }
 }
 

@@ -8,14 +8,14 @@
 //! the camera's azimuth φᵢ and v along φᵢ + 90°; as in any single mirror they are reversed.
 
 use std::f64::consts::{FRAC_PI_2, FRAC_PI_4};
-use std::sync::{Arc, OnceLock};
+use std::sync::OnceLock;
 
 use nalgebra::{Matrix3, Vector2, Vector3};
 use serde::{Deserialize, Serialize};
 
 use super::axial::is_somewhere;
-use super::parameter::{Design, check_centre, check_focal_lengths, check_length_mm, design};
-use super::{Camera, Parameter, ParameterError, Ray, bearing_rad, elevations_on_the_picture};
+use super::parameter::{camera_by_design, check_centre, check_focal_lengths, check_length_mm, design};
+use super::{Camera, ParameterError, Ray, bearing_rad, elevations_on_the_picture};
 
 /// Cameras of a pyramid.
 const CAMERAS: u32 = 4;
@@ -84,13 +84,7 @@ fn reflection(camera: u32) -> Matrix3<f64> {
 }
 
 impl Camera for Pyramid {
-    fn model(&self) -> &'static str {
-        "pyramid"
-    }
-
-    fn image_size_px(&self) -> [u32; 2] {
-        self.image_size_px
-    }
+    camera_by_design!("pyramid");
 
     fn image_of_point(&self, point_m: &Vector3<f64>) -> Option<Vector2<f64>> {
         is_somewhere(point_m).then_some(())?;
@@ -129,18 +123,6 @@ impl Camera for Pyramid {
 
     fn is_panoramic(&self) -> bool {
         true
-    }
-
-    fn parameters(&self) -> Vec<Parameter> {
-        Design::parameters(&self.parameters)
-    }
-
-    fn with_values(&self, values: &[f64]) -> Result<Arc<dyn Camera>, ParameterError> {
-        Ok(Arc::new(Self::new(self.parameters.with_values(values), self.image_size_px)?))
-    }
-
-    fn table(&self) -> toml::Table {
-        self.parameters.table()
     }
 }
 

@@ -9,15 +9,15 @@
 //!
 //! Source: Mei and Rives 2007 as OpenCV's `omnidir` writes it, `MATHS.md` §1.0.
 
-use std::sync::{Arc, OnceLock};
+use std::sync::OnceLock;
 
 use nalgebra::{Matrix2, Matrix2x3, Vector2, Vector3};
 use serde::{Deserialize, Serialize};
 
 use super::axial::is_somewhere;
 use super::lens_distortion::LensDistortion;
-use super::parameter::{Design, check_centre, check_finite, check_focal_lengths, design, one_or_each};
-use super::{Camera, NormalisedPlane, Parameter, ParameterError, Ray, elevations_on_the_picture, is_in_image};
+use super::parameter::{camera_by_design, check_centre, check_finite, check_focal_lengths, design, one_or_each};
+use super::{Camera, NormalisedPlane, ParameterError, Ray, elevations_on_the_picture, is_in_image};
 
 /// The parameters of `[unified-sphere]` in `camera.toml`.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -99,13 +99,7 @@ impl UnifiedSphere {
 }
 
 impl Camera for UnifiedSphere {
-    fn model(&self) -> &'static str {
-        "unified-sphere"
-    }
-
-    fn image_size_px(&self) -> [u32; 2] {
-        self.image_size_px
-    }
+    camera_by_design!("unified-sphere");
 
     fn image_of_point(&self, point_m: &Vector3<f64>) -> Option<Vector2<f64>> {
         self.image(point_m).map(|(pixel, _)| pixel)
@@ -139,18 +133,6 @@ impl Camera for UnifiedSphere {
     /// Everything round the axis is on the picture up to a ring that looks off the axis.
     fn is_panoramic(&self) -> bool {
         is_in_image(&Vector2::from(self.parameters.centre_px), self.image_size_px)
-    }
-
-    fn parameters(&self) -> Vec<Parameter> {
-        Design::parameters(&self.parameters)
-    }
-
-    fn with_values(&self, values: &[f64]) -> Result<Arc<dyn Camera>, ParameterError> {
-        Ok(Arc::new(Self::new(self.parameters.with_values(values), self.image_size_px)?))
-    }
-
-    fn table(&self) -> toml::Table {
-        self.parameters.table()
     }
 
     fn point_jacobian(&self, point_m: &Vector3<f64>) -> Option<Matrix2x3<f64>> {
