@@ -1,6 +1,7 @@
 #![doc = include_str!("../README.md")]
 
 pub mod angle;
+pub mod appearance;
 pub mod codec;
 pub mod document;
 pub mod estimate;

@@ -7,7 +7,6 @@
 //! and after they part, position and frozen appearance say who is who. What leaves here are bearings to the
 //! body's axis with honest sigmas, elevation intervals whose ends say what they are, and ranges only from seen feet.
 
-mod appearance;
 mod association;
 mod body;
 mod class;
@@ -15,6 +14,9 @@ mod extent;
 mod figures;
 mod filter;
 mod group;
+mod histogram;
+mod looks;
+mod lost;
 mod people;
 mod range;
 #[cfg(test)]
@@ -22,18 +24,19 @@ mod reality;
 mod track;
 mod view;
 
+use protocol::appearance::Appearance;
 use protocol::id::TrackId;
 use protocol::message::observation::MAX_TRACKS;
 use protocol::message::{AlarmKind, ElevationEnd, ObjectClass, SightedRange, TrackObservation, TrackState};
 use protocol::quantity::{Angle16, Fraction8, LogSigma, Millimetres};
 use protocol::time::Timestamp;
 
-pub use appearance::{Appearance, BINS, bhattacharyya};
 pub use association::{GATE, Shape, ShapeSigmas, assign, cost};
 pub use class::PeerBearing;
 pub use extent::Extent;
 use extent::Known;
 pub use filter::AxisFilter;
+pub use histogram::{BINS, Histogram, bhattacharyya};
 pub use range::{Range, from_ground_contact};
 pub use view::View;
 
@@ -41,6 +44,7 @@ use crate::motion::{Arc, Holds, Object, Patch, Raster, Region, Scene};
 use body::Body;
 use figures::Figures;
 use group::Sought;
+use lost::LostPeople;
 use track::{Track, shape_of};
 
 /// How tracks live.
@@ -100,7 +104,9 @@ pub struct TrackView {
     pub width_rad: f64,
     /// That it is a real moving object, 0 … 1.
     pub confidence: f64,
-    /// Appearance, in the frames in which it is published.
+    /// It was with others of late, and may be somebody else than it was under this number before.
+    pub doubtful: bool,
+    /// What it looks like by height, in the frames in which it is published.
     pub appearance: Option<[u8; 16]>,
 }
 
@@ -116,6 +122,7 @@ pub struct Tracker {
     last: Option<Timestamp>,
     holds: Holds,
     events: Vec<AlarmKind>,
+    lost: LostPeople,
     /// Where a person can be told by where he stands; objects are followed by their regions elsewhere.
     figures: Option<Figures>,
 }
@@ -150,6 +157,7 @@ impl Tracker {
             last: None,
             holds: Holds::default(),
             events: Vec::new(),
+            lost: LostPeople::default(),
         }
     }
 
@@ -175,7 +183,7 @@ impl Tracker {
         let objects = self.usable_objects(scene);
         let mut regions: Vec<Region> = objects.iter().map(|o| o.region.clone()).collect();
         let mut bodies: Vec<Body> = regions.iter().map(|r| Body::measure(r, scene)).collect();
-        let looks: Vec<Appearance> = regions.iter().map(|r| Appearance::of(r, scene)).collect();
+        let looks: Vec<Histogram> = regions.iter().map(|r| Histogram::of(r, scene)).collect();
 
         let assignment = self.assign_objects(&bodies, &looks);
         let leftover = self.join_pieces(&assignment, &mut regions, &mut bodies, scene);
@@ -211,12 +219,14 @@ impl Tracker {
     pub fn suspend(&mut self, capture: Timestamp) {
         self.last = Some(capture);
         self.keep_tracks(|_| false);
+        self.lost.clear();
         self.areas.clear();
         self.holds = Holds::default();
     }
 
     /// Forget all tracks, as on a command. Numbers are not used again.
     pub fn reset(&mut self) {
+        self.lost.clear();
         self.tracks.clear();
         self.areas.clear();
         self.holds = Holds::default();
@@ -277,7 +287,8 @@ impl Tracker {
             extent,
             width_rad: track.shape.w * step,
             confidence: track.confidence(),
-            appearance: (track.turning_point == self.last).then(|| track.appearance.to_bytes()),
+            doubtful: track.looks.in_doubt(),
+            appearance: track.looks.known().filter(|_| track.turning_point == self.last).map(Appearance::to_bytes),
         })
     }
 
@@ -297,7 +308,7 @@ impl Tracker {
             .collect()
     }
 
-    fn assign_objects(&self, bodies: &[Body], looks: &[Appearance]) -> Assignment {
+    fn assign_objects(&self, bodies: &[Body], looks: &[Histogram]) -> Assignment {
         let mut members: Vec<Vec<usize>> = vec![Vec::new(); bodies.len()];
         let sure: Vec<usize> = (0..self.tracks.len()).filter(|&t| self.tracks[t].confirmed).collect();
         let mut alone = self.match_tracks(&sure, bodies, looks, &mut members);
@@ -323,7 +334,7 @@ impl Tracker {
         let candidates: Vec<usize> = (0..self.tracks.len()).filter(|&t| !self.tracks[t].confirmed).collect();
         let free: Vec<usize> = (0..bodies.len()).filter(|&o| members[o].is_empty()).collect();
         let some_bodies: Vec<Body> = free.iter().map(|&o| bodies[o].clone()).collect();
-        let some_looks: Vec<Appearance> = free.iter().map(|&o| looks[o].clone()).collect();
+        let some_looks: Vec<Histogram> = free.iter().map(|&o| looks[o].clone()).collect();
         let mut some_members = vec![Vec::new(); free.len()];
         self.match_tracks(&candidates, &some_bodies, &some_looks, &mut some_members);
         for (&object, found) in free.iter().zip(some_members) {
@@ -340,7 +351,7 @@ impl Tracker {
         &self,
         tracks: &[usize],
         bodies: &[Body],
-        looks: &[Appearance],
+        looks: &[Histogram],
         members: &mut [Vec<usize>],
     ) -> Vec<usize> {
         let costs: Vec<Vec<f64>> = tracks
@@ -360,7 +371,7 @@ impl Tracker {
                     .iter()
                     .zip(looks)
                     .map(|(body, look)| {
-                        let unlike = if parted { track.appearance.distance(look) / 0.15 } else { 0.0 };
+                        let unlike = if parted { track.histogram.distance(look) / 0.15 } else { 0.0 };
                         cost(&shape, &shape_of(body), &sigmas, &self.raster) + unlike * unlike
                     })
                     .collect()
@@ -440,7 +451,7 @@ impl Tracker {
         }
     }
 
-    fn give_birth(&mut self, body: &Body, look: &Appearance, area: usize, now: Timestamp) {
+    fn give_birth(&mut self, body: &Body, look: &Histogram, area: usize, now: Timestamp) {
         let shape = shape_of(body);
         if self.tracks.len() >= association::MAX_SIDE || shape.h > MOST_SLENDER * shape.w {
             return;
@@ -481,7 +492,7 @@ impl Tracker {
                 track.votes.add(class::of_one_sight(bearing, width_rad, &extent, &self.view, peers));
             }
             // Ghosts and flicker stay where they are born; people do not.
-            let comes = track.moving_hits >= self.settings.confirm_hits;
+            let comes = track.moving_hits >= self.settings.confirm_hits || track.looks.in_doubt() && track.has_come();
             if !track.confirmed && track.hits >= self.settings.confirm_hits && comes {
                 track.confirmed = true;
                 track.turning_point = Some(now);
@@ -508,9 +519,13 @@ impl Tracker {
 
     /// Ends the other tracks, and says so of those that were announced.
     fn keep_tracks(&mut self, keep: impl Fn(&Track) -> bool) {
-        let events = &mut self.events;
+        let (events, lost) = (&mut self.events, &mut self.lost);
+        let now = self.last.unwrap_or_default();
         self.tracks.retain(|t| {
             let keep = keep(t);
+            if !keep {
+                lost.note(t, now);
+            }
             if !keep && t.announced {
                 events.push(AlarmKind::PersonLeft(t.id));
             }
@@ -521,6 +536,7 @@ impl Tracker {
     fn update_holds(&mut self, now: Timestamp) {
         self.holds.keep.clear();
         self.holds.release.clear();
+        self.holds.keep.extend(self.lost.patches());
         for track in self.tracks.iter().filter(|t| t.confirmed) {
             let patch: Patch = track.patch();
             if now.seconds_since(track.moved) > self.settings.hold_s {
@@ -551,6 +567,7 @@ fn observation(view: &TrackView) -> TrackObservation {
             .map(|r| SightedRange { range: Millimetres::from_m(r.range_m), sigma: LogSigma::from_value(r.sigma_m) }),
         class: view.class,
         confidence: Fraction8::from_value(view.confidence),
+        doubtful: view.doubtful,
         appearance: view.appearance,
     }
 }

@@ -27,6 +27,7 @@ mod merged;
 mod upkeep;
 
 use nalgebra::{Matrix2, Matrix3, RowVector3, Vector2};
+use protocol::appearance::Appearance;
 use protocol::frames::Pose2;
 use protocol::id::{TargetId, TrackId};
 use protocol::message::{TrackObservation, TrackState};
@@ -38,7 +39,7 @@ use crate::stereo::range_cue::{CameraFacts, RangeCue};
 use crate::stereo::target::{BearingFrom, Innovation, Target};
 use birth::Candidate;
 use exchange::Exchange;
-use identity::Past;
+use identity::{Looks, Past};
 use likelihood::{Fit, stretch};
 use memory::Memory;
 
@@ -60,6 +61,9 @@ const UNSURE_M: f64 = 0.15;
 const RANGE_REPEAT: f64 = 10.0;
 /// What a robot followed this long ago it still follows, seconds.
 const PRESENT_S: f64 = 0.3;
+/// By how many nats an assignment must be the best one for the track to move its target: of a track that is sure who it is, and
+/// of one that was with others.
+const CLEAR: [f64; 2] = [1.0, 2.0];
 /// A target counts as seen by a robot for so long after its last bearing, seconds.
 pub const OBSERVED_S: f64 = 0.35;
 
@@ -93,6 +97,8 @@ pub struct Followed {
     /// Half of its width, m.
     half_width_m: f64,
     past: Past,
+    /// What it looks like.
+    looks: Looks,
 }
 
 /// The tracks of one frame of a standing robot.
@@ -125,6 +131,10 @@ struct Sight {
     cue: RangeCue,
     /// Elevation of the top and its sigma, where it is seen.
     top: Option<(f64, f64)>,
+    /// It was with others of late, and may be somebody else than before.
+    doubtful: bool,
+    /// What it looks like, in the frames in which that is told.
+    appearance: Option<Appearance>,
     /// A fellow robot that moves explains it.
     peer: bool,
 }
@@ -221,6 +231,8 @@ impl Follower {
                     cue: RangeCue::of(t, frame.camera, self.config.person_height_m),
                     top: seen_top
                         .then(|| (t.elevation[1].rad(), t.elevation_sigma.value().hypot(frame.camera.tilt_sigma_rad))),
+                    doubtful: t.doubtful,
+                    appearance: t.appearance.as_ref().map(Appearance::from_bytes),
                     peer: t.class == protocol::message::ObjectClass::Robot
                         || peers.iter().any(|(b, half)| protocol::angle::difference(*b, bearing_rad).abs() < *half),
                 }
@@ -254,6 +266,13 @@ impl Follower {
         let id = self.targets[t].id;
         let Some(memory) = self.memories.iter_mut().find(|m| m.is(frame.robot, sight.track)) else { return };
         if !memory.hit(id, fit.d2) {
+            return;
+        }
+        if let (false, Some(looks)) = (sight.doubtful, memory.appearance_of_bound()) {
+            self.targets[t].looks.see(frame.robot, &looks);
+        }
+        if fit.margin < CLEAR[usize::from(sight.doubtful)] {
+            // It may as well be another's: it moves nobody.
             return;
         }
         let followed_alone = self.is_seen_by_one(t, frame);

@@ -177,7 +177,10 @@ pub struct TrackObservation {
     pub class: ObjectClass,
     /// That it is a real moving object.
     pub confidence: Fraction8,
-    /// Appearance for matching, sent only when a track is born, merges or splits.
+    /// It was with others of late, and may be somebody else than it was under this number before.
+    pub doubtful: bool,
+    /// What it looks like ([`crate::appearance::Appearance::to_bytes`]), sent only when a track is born, merges or splits, or is
+    /// known better than before.
     pub appearance: Option<[u8; 16]>,
 }
 

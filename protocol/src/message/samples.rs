@@ -50,6 +50,7 @@ pub(crate) fn track(id: u32) -> TrackObservation {
         range: Some(SightedRange { range: Millimetres::from_m(3.2), sigma: LogSigma::from_value(0.2) }),
         class: ObjectClass::Person,
         confidence: Fraction8::from_value(0.9),
+        doubtful: false,
         appearance: None,
     }
 }

@@ -1,11 +1,12 @@
 //! Following people by the figures they make (see [`super::figures`]): tracks predict them, the frame places them.
 
+use protocol::id::TrackId;
 use protocol::time::Timestamp;
 
 use super::body::solid_rows;
 use super::figures::{Figure, Sought};
 use super::track::Sighting;
-use super::{Appearance, PeerBearing, Tracker, association};
+use super::{PeerBearing, Tracker, association, looks};
 use crate::motion::{Object, Region, Scene};
 
 /// Support below which nobody is there.
@@ -76,13 +77,29 @@ impl Tracker {
             }
         }
         for (figure, look) in all[known..].iter().zip(looks) {
-            let Some(look) = look.filter(|l| l.sighting.moves && !l.ghost) else { continue };
+            let Some(look) = look.filter(|l| !l.ghost) else { continue };
             let enough = figure.own >= NEW_OWN && figure.support >= NEW_SUPPORT;
             if enough && self.tracks.len() < association::MAX_SIDE {
-                let track = super::Track::of_figure(self.next_track_id(), look.sighting, capture);
+                let returned = self.lost.take(look.sighting.axis, figure.range_m, capture, &self.raster);
+                if !look.sighting.moves && returned.is_none() {
+                    continue;
+                }
+                let id = returned.as_ref().map_or_else(|| self.next_track_id(), |lost| lost.id);
+                let mut track = super::Track::of_figure(id, &look.sighting, capture);
+                if let Some(lost) = returned {
+                    track.returns(lost.looks);
+                }
                 self.areas.push((track.id, look.area));
                 self.tracks.push(track);
             }
+        }
+        let next_id = &mut self.next_id;
+        let new_id = || {
+            *next_id = next_id.wrapping_add(1);
+            TrackId(next_id.wrapping_sub(1))
+        };
+        for t in looks::settle(&mut self.tracks, new_id) {
+            self.tracks[t].turning_point = Some(capture);
         }
         // Whom nothing speaks for that seniors do not explain is a part of them.
         self.keep_tracks(|t| t.evidence > LEAST_MEAN_EVIDENCE);
@@ -136,7 +153,7 @@ impl Tracker {
             alone,
             apart: figure.apart >= ALONE,
             moves: moves as f64 > MOVING * region.area as f64,
-            appearance: Appearance::of(region, scene),
+            appearance: looks::appearance(region, scene, &self.view, axis, figure.range_m),
         };
         Look { sighting, area: region.area, ghost: ghosts as f64 > 0.5 * region.area as f64 }
     }

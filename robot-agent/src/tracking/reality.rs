@@ -116,6 +116,12 @@ fn truth_at(truth: &[serde_json::Value], robot: &str, t: f64) -> (f64, f64, f64,
     (mix(a.0, b.0), mix(a.1, b.1), wrap(a.2 + part * difference(b.2, a.2)), people)
 }
 
+/// Changes between values that last for five entries each.
+fn lasting_changes(values: &[String]) -> usize {
+    let runs: Vec<&[String]> = values.chunk_by(|a, b| a == b).filter(|run| run.len() >= 5).collect();
+    runs.windows(2).filter(|w| w[0][0] != w[1][0]).count()
+}
+
 #[test]
 #[ignore = "needs RECORDING: a folder written by `sim-harness record`"]
 fn recorded_robots_see_the_people() {
@@ -150,6 +156,8 @@ fn recorded_robots_see_the_people() {
         let mut ranges: Vec<(f64, f64, f64)> = Vec::new();
         let mut widths: Vec<(f64, f64)> = Vec::new();
         let mut names: std::collections::BTreeMap<String, TrackId> = Default::default();
+        // Of each track the people, and of each person the tracks, one entry a frame in which it was seen alone.
+        let mut followed: std::collections::BTreeMap<String, Vec<String>> = Default::default();
         let mut spent = [f64::INFINITY; 4];
         let mut motions = String::new();
         let mut missed_by: std::collections::BTreeMap<String, u32> = Default::default();
@@ -316,6 +324,10 @@ fn recorded_robots_see_the_people() {
                         track.rows
                     );
                 }
+                if track.state == TrackState::Visible && !track.doubtful {
+                    followed.entry(track.id.0.to_string()).or_default().push(p.id.clone());
+                    followed.entry(p.id.clone()).or_default().push(track.id.0.to_string());
+                }
                 if track.state == TrackState::Visible {
                     errors.push((error, track.bearing_sigma_rad, t));
                     widths.push((error * distance, distance));
@@ -364,6 +376,14 @@ fn recorded_robots_see_the_people() {
         eprintln!(
             "{robot}: coverage {:.3} ({covered}/{wanted}, {merged} not alone), false {falses}, switches {switches}, missed {missed_by:?}",
             f64::from(covered) / f64::from(wanted)
+        );
+        let changes = |of_people: bool| -> usize {
+            followed.iter().filter(|(k, _)| k.starts_with('p') == of_people).map(|(_, v)| lasting_changes(v)).sum()
+        };
+        eprintln!(
+            "{robot}: tracks change person {} times, people change track {} times",
+            changes(false),
+            changes(true)
         );
         let mut sorted: Vec<f64> = alone.iter().map(|(e, _)| e.abs().to_degrees()).collect();
         sorted.sort_by(f64::total_cmp);

@@ -9,11 +9,11 @@
 //!                                      └──────────────────────────────────┘
 //! ```
 
+use protocol::appearance::Appearance;
 use protocol::id::TrackId;
 use protocol::message::{ObjectClass, TrackState};
 use protocol::time::Timestamp;
 
-use super::appearance::Appearance;
 use super::association::Shape;
 use super::body::{Body, Strip};
 use super::class::Votes;
@@ -21,7 +21,15 @@ use super::extent::Extent;
 use super::figures::{Shape as FigureShape, Sought};
 use super::filter::AxisFilter;
 use super::group::Placed;
+use super::histogram::Histogram;
+use super::looks::Looks;
+use super::lost::Stand;
 use crate::motion::{Arc, Patch, Raster};
+
+/// Who moves aside by less than this part of his shoulders' breadth in a second stands.
+const STANDING_RATE: f64 = 0.4;
+/// Part of the usual acceleration that is expected of who stands.
+const STEADY: f64 = 0.25;
 
 /// A moving object that is followed.
 #[derive(Debug, Clone)]
@@ -40,7 +48,10 @@ pub(super) struct Track {
     /// Its strip when it was last alone, and the axis' offset in it.
     pub(super) template: Strip,
     pub(super) axis_offset: f64,
-    pub(super) appearance: Appearance,
+    pub(super) histogram: Histogram,
+    pub(super) looks: Looks,
+    /// Where it stood when it was last seen apart from others, standing.
+    pub(super) stand: Option<Stand>,
     /// Column of the axis and its sigma as published for this frame.
     pub(super) axis: f64,
     pub(super) axis_sigma: f64,
@@ -110,7 +121,7 @@ impl Sighting {
 
 impl Track {
     /// Somebody new, by the region.
-    pub(super) fn new(id: TrackId, body: &Body, appearance: Appearance, now: Timestamp, raster: &Raster) -> Self {
+    pub(super) fn new(id: TrackId, body: &Body, histogram: Histogram, now: Timestamp, raster: &Raster) -> Self {
         let sighting = Sighting {
             axis: body.axis,
             axis_sigma: sigma_alone(body.trunk_width, shape_of(body).h),
@@ -123,18 +134,19 @@ impl Track {
             moves: true,
             support: 1.0,
             feet_hidden: false,
-            appearance,
+            appearance: Appearance::default(),
         };
         Self {
             shape: shape_of(body),
             template: body.strip.clone(),
             axis_offset: body.axis_offset(raster),
-            ..Self::of_figure(id, sighting, now)
+            histogram,
+            ..Self::of_figure(id, &sighting, now)
         }
     }
 
     /// Somebody new, by the figure.
-    pub(super) fn of_figure(id: TrackId, s: Sighting, now: Timestamp) -> Self {
+    pub(super) fn of_figure(id: TrackId, s: &Sighting, now: Timestamp) -> Self {
         let [y, w, h] = s.shape();
         Self {
             id,
@@ -147,7 +159,9 @@ impl Track {
             trunk_width: s.trunk_width,
             template: Strip { start: 0, filled: Vec::new(), gray: Vec::new() },
             axis_offset: 0.0,
-            appearance: s.appearance,
+            histogram: Histogram::default(),
+            looks: Looks::default(),
+            stand: None,
             axis: s.axis,
             axis_sigma: s.axis_sigma,
             extent: None,
@@ -172,6 +186,12 @@ impl Track {
             figure_shape: FigureShape::default(),
             evidence: 0.5,
         }
+    }
+
+    /// It is somebody who was followed before, and stands where he stood.
+    pub(super) fn returns(&mut self, looks: Looks) {
+        self.looks = looks;
+        self.travelled = f64::INFINITY;
     }
 
     /// Where its figure should be.
@@ -214,7 +234,6 @@ impl Track {
         }
         if s.alone {
             (self.axis, self.axis_sigma) = (s.axis, sigma);
-            self.appearance.blend(&s.appearance, 0.1);
         } else {
             (self.axis, self.axis_sigma) = (self.filter.column, self.filter.sigma().hypot(sigma));
         }
@@ -223,6 +242,16 @@ impl Track {
         if parted {
             self.turning_point = Some(now);
             self.merged_since = (!s.alone).then_some(now);
+        }
+        if s.apart {
+            let stands = self.filter.rate.abs() < STANDING_RATE * s.trunk_width;
+            self.stand =
+                stands.then(|| Stand { at: now, column: self.axis, log_range: self.log_range, patch: self.patch() });
+        }
+        if !s.apart {
+            self.looks.doubt();
+        } else if self.looks.see(&s.appearance) {
+            self.turning_point = Some(now);
         }
         self.state = if s.alone { TrackState::Visible } else { TrackState::Merged };
         (self.support, self.feet_hidden) = (s.support, s.feet_hidden);
@@ -235,7 +264,9 @@ impl Track {
     /// The time goes on.
     pub(super) fn predict(&mut self, dt_s: f64, raster: &Raster) {
         // 1.5 m/s² on shoulders half a metre broad.
-        let acceleration = 3.0 * self.trunk_width.max(4.0);
+        // Who stood when others came before or beside him probably goes on standing.
+        let steady = if self.stand.is_some() && self.looks.in_doubt() { STEADY } else { 1.0 };
+        let acceleration = 3.0 * steady * self.trunk_width.max(4.0);
         self.filter.predict(dt_s, acceleration, raster);
         /// Somebody at two metres comes nearer by a metre a second.
         const LOG_RANGE_RATE: f64 = 0.35;
@@ -262,7 +293,7 @@ impl Track {
     }
 
     /// Seen alone.
-    pub(super) fn see(&mut self, body: &Body, appearance: &Appearance, moves: bool, now: Timestamp, raster: &Raster) {
+    pub(super) fn see(&mut self, body: &Body, histogram: &Histogram, moves: bool, now: Timestamp, raster: &Raster) {
         let split = self.state == TrackState::Merged || self.merged_since.is_some();
         let sigma = sigma_alone(body.trunk_width, shape_of(body).h) * if body.both_cut { UNSURE } else { 1.0 };
         self.filter.update(body.axis, sigma, raster);
@@ -275,7 +306,7 @@ impl Track {
         (self.arc, self.rows, self.trunk_width) = (body.arc, body.rows, body.trunk_width);
         self.template.clone_from(&body.strip);
         self.axis_offset = body.axis_offset(raster);
-        self.appearance.blend(appearance, 0.1);
+        self.histogram.blend(histogram, 0.1);
         self.state = TrackState::Visible;
         self.merged_since = None;
         if split {
@@ -326,6 +357,7 @@ impl Track {
     /// Not seen.
     pub(super) fn miss(&mut self) {
         self.misses += 1;
+        self.looks.doubt();
         self.state = TrackState::Hidden;
         (self.axis, self.axis_sigma) = (self.filter.column, self.filter.sigma().hypot(0.3 * self.trunk_width));
     }

@@ -12,12 +12,13 @@ mod packing;
 
 use nalgebra::Vector2;
 use protocol::angle::wrap;
+use protocol::appearance::Appearance;
 use protocol::frames::Pose2;
 use protocol::id::{TargetId, TrackId};
 use protocol::time::Timestamp;
 
 use super::explanation::{Explanation, RANGE_WORTH};
-use super::identity::Past;
+use super::identity::{Looks, Past};
 use super::likelihood::log_student;
 use super::memory::Memory;
 use super::{Followed, Follower, Frame, MAX_TARGETS, PRESENT_S, Sight};
@@ -40,7 +41,7 @@ const EVIDENCE: [(u32, f64); 3] = [(5, 1.5), (10, 0.75), (20, 0.25)];
 /// Frames over which a candidate's weight is averaged.
 const MEAN_OVER: u32 = 20;
 /// What it is worth that the tracks are one target's already, nats.
-const STANDING_WORTH: f64 = 4.0;
+const STANDING_WORTH: f64 = 6.0;
 /// Most candidates, and most loose tracks of other robots that one frame is paired with.
 const MAX_CANDIDATES: usize = 512;
 const MAX_OTHERS: usize = 64;
@@ -254,9 +255,10 @@ impl Follower {
         }
         let top = Self::top_of(&set, position);
         let newest = self.newest;
-        let id = self.former(&members, placed, position, top).unwrap_or_else(|| {
+        let looks = Self::looks_of(&set);
+        let id = self.former(&members, placed, position, top, &looks).unwrap_or_else(|| {
             let seen = |f: &Followed| tracks.iter().any(|(robot, _)| f.is_seen_by(*robot, newest, PRESENT_S));
-            self.recognise(position, top, |f| placed.contains(&f.id) || seen(f))
+            self.recognise(position, top, &looks, |f| placed.contains(&f.id) || seen(f))
         });
         for m in self.memories.iter_mut().filter(|m| tracks.contains(&(m.robot, m.track))) {
             if m.bound != Some(id) {
@@ -283,6 +285,7 @@ impl Follower {
             two_robots: true,
             half_width_m: 0.23,
             past: Past::default(),
+            looks: Looks::default(),
         });
         Some(id)
     }
@@ -295,13 +298,14 @@ impl Follower {
         placed: &[TargetId],
         position: Vector2<f64>,
         top_m: Option<f64>,
+        looks: &[Appearance],
     ) -> Option<TargetId> {
         let newest = self.newest;
         let value = |f: &Followed| {
             let own = members.iter().filter(|(m, _)| m.bound == Some(f.id)).count();
             let present = |m: &&Memory| m.bound == Some(f.id) && newest.seconds_since(m.last) < PRESENT_S;
             let all = self.memories.iter().filter(present).count();
-            let nats = self.resemblance(f, position, top_m);
+            let nats = self.resemblance(f, position, top_m, looks);
             (own > 0 && 2 * own >= all && nats > 0.0).then_some(nats)
         };
         let candidates = self.targets.iter().filter(|f| !placed.contains(&f.id));

@@ -154,12 +154,12 @@ impl Follower {
         let place = |id| {
             let tracks = self.tracks_of(id, frame.at, calibrator);
             let position = self.explain(&tracks, frame.at)?.position;
-            Some((position, Self::top_of(&tracks, position)))
+            Some((position, Self::top_of(&tracks, position), Self::looks_of(&tracks)))
         };
         let known = |id| self.targets.iter().find(|f| f.id == id);
         let (Some(fx), Some(fy), Some(px), Some(py)) = (known(x), known(y), place(x), place(y)) else { return false };
-        let fits = |f, (position, top)| self.resemblance(f, position, top);
-        fits(fx, py) + fits(fy, px) > fits(fx, px) + fits(fy, py)
+        let fits = |f, (position, top, looks): &(_, _, Vec<_>)| self.resemblance(f, *position, *top, looks);
+        fits(fx, &py) + fits(fy, &px) > fits(fx, &px) + fits(fy, &py)
     }
 
     /// A target's state from its present tracks alone.

@@ -30,6 +30,9 @@ pub const RANGE_WORTH: f64 = 0.7;
 /// What two tops at different heights cost at most, squared sigmas; a hand, a hat.
 const MOST_TOP_COST: f64 = 9.0;
 const TOP_M: f64 = 0.1;
+/// What looks count for whether tracks are one object, and what two sights tell at most, nats.
+const LOOKS_WORTH: f64 = 0.4;
+const MOST_LOOKS: f64 = 4.0;
 /// Steps of Gauss and Newton from where the two best rays meet.
 const STEPS: usize = 3;
 
@@ -85,6 +88,13 @@ impl Follower {
             .collect();
         if let [(za, sa), (zb, sb), ..] = tops[..] {
             log_ratio -= 0.5 * ((za - zb) / sa.hypot(sb).hypot(TOP_M)).powi(2).min(MOST_TOP_COST);
+        }
+        let looks: Vec<_> = tracks.iter().filter_map(|(m, _)| m.appearance).collect();
+        for (n, a) in looks.iter().enumerate() {
+            for b in &looks[n + 1..] {
+                let nats = a.log_ratio(b).clamp(-MOST_LOOKS, MOST_LOOKS);
+                log_ratio += LOOKS_WORTH * nats / (looks.len() - 1) as f64;
+            }
         }
         Some(Explanation { log_ratio, position, covariance })
     }

@@ -8,6 +8,7 @@ use std::collections::VecDeque;
 use std::f64::consts::TAU;
 
 use nalgebra::Vector2;
+use protocol::appearance::Appearance;
 use protocol::frames::Pose2;
 use protocol::id::TargetId;
 use protocol::time::Timestamp;
@@ -33,6 +34,11 @@ const NEW_PLACE: f64 = 1.0 / 40.0;
 const NEW_TOP: f64 = 1.5;
 /// How long a dropped target may get its number back, seconds.
 const REMEMBERED_S: f64 = 12.0;
+/// How fast what is known of a target's looks follows what robots tell; what looks count for beside place and height, and
+/// what one sight tells at most, nats.
+const FOLLOW_LOOKS: f64 = 0.02;
+const LOOKS_WORTH: f64 = 0.5;
+const MOST_LOOKS: f64 = 4.0;
 /// Most dropped targets remembered.
 const MAX_DEPARTED: usize = 64;
 
@@ -65,6 +71,26 @@ impl Past {
     }
 }
 
+/// What a target looks like: as each robot sees it, of late.
+#[derive(Debug, Clone, Default)]
+pub struct Looks(Vec<(usize, Appearance)>);
+
+impl Looks {
+    /// What a robot tells of it.
+    pub fn see(&mut self, robot: usize, appearance: &Appearance) {
+        match self.0.iter_mut().find(|(r, _)| *r == robot) {
+            Some((_, known)) => known.follow(appearance, FOLLOW_LOOKS),
+            None => self.0.push((robot, *appearance)),
+        }
+    }
+
+    /// How much speaks for somebody who looks like this being the target, nats; 0 where nothing is known.
+    pub fn resemblance(&self, appearance: &Appearance) -> f64 {
+        let sum: f64 = self.0.iter().map(|(_, known)| known.log_ratio(appearance)).sum();
+        (sum / self.0.len().max(1) as f64).clamp(-MOST_LOOKS, MOST_LOOKS)
+    }
+}
+
 impl Follower {
     /// Keeps the states of all targets that have been measured.
     pub(super) fn keep_past(&mut self) {
@@ -75,7 +101,13 @@ impl Follower {
     }
 
     /// How much speaks for a target being at `position` with a top there, nats against anybody else.
-    pub(super) fn resemblance(&self, known: &Followed, position: Vector2<f64>, top_m: Option<f64>) -> f64 {
+    pub(super) fn resemblance(
+        &self,
+        known: &Followed,
+        position: Vector2<f64>,
+        top_m: Option<f64>,
+        looks: &[Appearance],
+    ) -> f64 {
         let by_place = known.past.log_density(position, self.newest) - NEW_PLACE.ln();
         let ((mean, var), seen) = known.target.top_m();
         let by_top = top_m.filter(|_| seen).map_or(0.0, |top| {
@@ -83,7 +115,13 @@ impl Follower {
             let right = (-0.5 * (top - mean).powi(2) / var).exp() / (TAU * var).sqrt();
             ((1.0 - WRONG_TOP) * right / NEW_TOP + WRONG_TOP).ln()
         });
-        by_place + by_top
+        let by_looks: f64 = looks.iter().map(|a| known.looks.resemblance(a)).sum::<f64>() / looks.len().max(1) as f64;
+        by_place + by_top + LOOKS_WORTH * by_looks
+    }
+
+    /// What tracks look like that tell it.
+    pub(super) fn looks_of(tracks: &[(&Memory, Pose2)]) -> Vec<Appearance> {
+        tracks.iter().filter_map(|(m, _)| m.appearance).collect()
     }
 
     /// The highest top that tracks show of something at `position`, metres above the floor.
@@ -101,6 +139,7 @@ impl Follower {
         &mut self,
         position: Vector2<f64>,
         top_m: Option<f64>,
+        looks: &[Appearance],
         taken: impl Fn(&Followed) -> bool,
     ) -> TargetId {
         let newest = self.newest;
@@ -108,7 +147,7 @@ impl Follower {
         let coasting = self.targets.iter().filter(|f| f.is_confirmed() && !taken(f));
         let found = coasting
             .chain(&self.departed)
-            .map(|f| (self.resemblance(f, position, top_m), f.id))
+            .map(|f| (self.resemblance(f, position, top_m, looks), f.id))
             .filter(|(nats, _)| *nats > 0.0)
             .max_by(|x, y| x.0.total_cmp(&y.0));
         if let Some((_, id)) = found {

@@ -46,6 +46,8 @@ pub struct Fit {
     pub range_m: f64,
     /// Track of the target against clutter, nats.
     pub log_ratio: f64,
+    /// By how much this assignment is better than another one, nats.
+    pub margin: f64,
 }
 
 impl Follower {
@@ -60,7 +62,7 @@ impl Follower {
         let known_range = target.sigma_m() < KNOWN_RANGE * range_m;
         let cue = if known_range { CUE_WORTH * sight.cue.cost(range_m) } else { 0.0 };
         let clutter = self.clutter(frame.robot, &frame.pose, sight.bearing_rad, frame.at, Some(self.targets[t].id));
-        Fit { d2, range_m, log_ratio: log_student(d2, var) - clutter.ln() - cue }
+        Fit { d2, range_m, log_ratio: log_student(d2, var) - clutter.ln() - cue, margin: f64::INFINITY }
     }
 
     /// Density of tracks (1/rad) at a bearing that are no further person: anywhere, and pieces of the targets that the robot

@@ -1,6 +1,7 @@
 //! What is remembered of a track of one robot, and to which target it is bound.
 
 use protocol::angle::wrap;
+use protocol::appearance::Appearance;
 use protocol::id::{TargetId, TrackId};
 use protocol::time::Timestamp;
 
@@ -11,6 +12,8 @@ use crate::stereo::range_cue::RangeCue;
 const UPDATE_GATE: f64 = 16.0;
 /// Misses in a row that end a binding.
 const STRIKES: u32 = 5;
+/// Frames with one target, apart from others, after which a track is that one's for good.
+const SETTLED_HITS: u32 = 10;
 /// A track unseen for longer is forgotten, seconds.
 const FORGOTTEN_S: f64 = 5.0;
 
@@ -31,6 +34,8 @@ pub struct Memory {
     pub sigma_rad: f64,
     /// Half of its width, rad.
     pub half_width_rad: f64,
+    /// It was with others of late, and may be somebody else than before.
+    pub doubtful: bool,
     /// In one region with others.
     pub merged: bool,
     /// A moving fellow robot explains it.
@@ -39,6 +44,10 @@ pub struct Memory {
     pub cue: RangeCue,
     /// Elevation of the top and its sigma.
     pub top: Option<(f64, f64)>,
+    /// What it looks like, as last told.
+    pub appearance: Option<Appearance>,
+    /// The target it was bound to for long while it was apart from others.
+    pub settled: Option<TargetId>,
     /// Height of the camera that sees it, m.
     pub camera_height_m: f64,
     /// Frames in which it was seen.
@@ -72,7 +81,15 @@ impl Memory {
         }
         self.hits += 1;
         self.strikes = 0;
+        if !self.doubtful && self.hits >= SETTLED_HITS {
+            self.settled = self.bound;
+        }
         true
+    }
+
+    /// What it looks like, once it has been its target's for some frames.
+    pub fn appearance_of_bound(&self) -> Option<Appearance> {
+        self.appearance.filter(|_| self.hits >= SETTLED_HITS)
     }
 
     /// A frame in which the track is not its target's.
@@ -109,10 +126,13 @@ impl Follower {
                         rate_radps: 0.0,
                         sigma_rad: sight.sigma_rad,
                         half_width_rad: sight.half_width_rad,
+                        doubtful: sight.doubtful,
                         merged: sight.merged,
                         peer: sight.peer,
                         cue: sight.cue,
                         top: sight.top,
+                        appearance: sight.appearance,
+                        settled: None,
                         camera_height_m: frame.camera.height_m,
                         count: 1,
                         bound: None,
@@ -128,8 +148,10 @@ impl Follower {
                 m.rate_radps += 0.3 * (rate.clamp(-3.0, 3.0) - m.rate_radps);
             }
             (m.last, m.bearing_rad, m.sigma_rad) = (frame.at, sight.bearing_rad, sight.sigma_rad);
+            m.doubtful = sight.doubtful;
             (m.half_width_rad, m.merged, m.peer) = (sight.half_width_rad, sight.merged, sight.peer);
             m.top = sight.top;
+            m.appearance = sight.appearance.or(m.appearance);
             m.count += 1;
             if !sight.merged {
                 m.cue = sight.cue;

@@ -323,6 +323,7 @@ fn tracks_of(problem: &Problem, robot: usize, tracks: &mut Tracks) -> Vec<TrackO
             range: None,
             class: ObjectClass::Unknown,
             confidence: Fraction8::from_value(1.0),
+            doubtful: false,
             appearance: None,
         });
     }

@@ -129,6 +129,7 @@ mod tests {
             range: None,
             class: ObjectClass::Person,
             confidence: Fraction8::from_value(1.0),
+            doubtful: false,
             appearance: None,
         }
     }

@@ -149,10 +149,13 @@ fn range() -> impl Strategy<Value = Option<SightedRange>> {
 fn track() -> impl Strategy<Value = TrackObservation> {
     (
         (any::<u32>(), 0usize..3, any::<i16>(), any::<u8>(), elevation(), 0usize..3, 0usize..3),
-        (any::<i16>(), range(), 0usize..5, any::<u8>(), prop::option::of(any::<[u8; 16]>())),
+        (any::<i16>(), range(), 0usize..5, any::<u8>(), any::<bool>(), prop::option::of(any::<[u8; 16]>())),
     )
         .prop_map(
-            |((id, state, bearing, sigma, elevation, low, high), (width, range, class, confidence, appearance))| {
+            |(
+                (id, state, bearing, sigma, elevation, low, high),
+                (width, range, class, confidence, doubtful, appearance),
+            )| {
                 let ends = [ElevationEnd::Seen, ElevationEnd::Cut, ElevationEnd::Hidden];
                 TrackObservation {
                     track: TrackId(id),
@@ -172,6 +175,7 @@ fn track() -> impl Strategy<Value = TrackObservation> {
                         ObjectClass::Other,
                     ][class],
                     confidence: Fraction8(confidence),
+                    doubtful,
                     appearance,
                 }
             },

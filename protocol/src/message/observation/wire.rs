@@ -9,7 +9,7 @@
 //! feature       [part 1] | [bar index 1] | bearing 2 σ 1 | [elevations 2+2 σ 1]
 //!     part      0-2 left, right, bar, numbered bar, edge 0, edge 1   3 elevations      (absent where sighting flag 5 is set)
 //! track         flags 2 | id v | bearing 2 σ 1 | elevations 2+2 σ 1 | width 2 | [range 2 σ 1] | confidence 1 | [appearance 16]
-//!     flags     0-1 state  2-3 lower end  4-5 upper end  6 range  7 appearance  8-10 class
+//!     flags     0-1 state  2-3 lower end  4-5 upper end  6 range  7 appearance  8-10 class  11 doubtful
 //! v             unsigned LEB128, 1-5 bytes; a track's id is the zigzag difference to the id before
 //! ```
 //! All little-endian. Flag bits that mean nothing must be 0.
@@ -207,7 +207,8 @@ fn put_track<E: Encoder>(encoder: &mut E, track: &TrackObservation, previous: u3
         | index_of(&ENDS, &track.ends[1]) << 4
         | u16::from(track.range.is_some()) << 6
         | u16::from(track.appearance.is_some()) << 7
-        | index_of(&CLASSES, &track.class) << 8;
+        | index_of(&CLASSES, &track.class) << 8
+        | u16::from(track.doubtful) << 11;
     raw(encoder, &flags.to_le_bytes())?;
     let step = i64::from(track.track.0) - i64::from(previous);
     put_varint(encoder, (step << 1 ^ step >> 63) as u64)?;
@@ -222,7 +223,7 @@ fn put_track<E: Encoder>(encoder: &mut E, track: &TrackObservation, previous: u3
 
 fn take_track<D: Decoder>(decoder: &mut D, previous: u32) -> Result<TrackObservation, DecodeError> {
     let flags = u16::from_le_bytes(<[u8; 2]>::decode(decoder)?);
-    if flags >> 11 != 0 {
+    if flags >> 12 != 0 {
         return Err(DecodeError::Other("unknown flags of a track"));
     }
     let zigzag = take_varint(decoder)?;
@@ -243,7 +244,8 @@ fn take_track<D: Decoder>(decoder: &mut D, previous: u32) -> Result<TrackObserva
         ends: [pick(&ENDS, flags >> 2 & 3, "end")?, pick(&ENDS, flags >> 4 & 3, "end")?],
         width,
         range,
-        class: pick(&CLASSES, flags >> 8, "class")?,
+        class: pick(&CLASSES, flags >> 8 & 7, "class")?,
+        doubtful: flags & 2048 != 0,
         confidence,
         appearance,
     })

@@ -1,8 +1,12 @@
 //! Figures on masks of people drawn as boxes and discs, in metres, through the panorama's angles.
 
+use protocol::time::Timestamp;
+
 use super::*;
+use crate::motion::Object;
 use crate::optics::{MountedCamera, Mounting, Pal};
 use crate::panorama::{PanoramaGeometry, Projection};
+use crate::tracking::{TrackView, Tracker, TrackerSettings};
 
 const CAMERA_M: f64 = 0.6;
 
@@ -15,13 +19,15 @@ struct Person {
     height_m: f64,
     stride_m: f64,
     camouflaged_m: [f64; 2],
+    /// Of the clothes.
+    gray: u8,
     /// How far one arm reaches out from the axis, m; not at all below the shoulders' breadth.
     arm_m: f64,
 }
 
 fn person(bearing_deg: f64, range_m: f64) -> Person {
     let bearing = bearing_deg.to_radians();
-    Person { bearing, range_m, height_m: 1.75, stride_m: 0.12, camouflaged_m: [0.0, 0.0], arm_m: 0.0 }
+    Person { bearing, range_m, height_m: 1.75, stride_m: 0.12, camouflaged_m: [0.0, 0.0], gray: 60, arm_m: 0.0 }
 }
 
 impl Person {
@@ -53,6 +59,7 @@ struct Room {
     geometry: PanoramaGeometry,
     figures: Figures,
     mask: Vec<u8>,
+    picture: Vec<u8>,
     valid: Vec<u8>,
 }
 
@@ -65,7 +72,15 @@ impl Room {
         let view = View::panorama(geometry, &camera);
         let raster = Raster { width: 1080, height: height as usize, wraps: true };
         let figures = Figures::new(&view, &raster).unwrap();
-        Self { raster, view, geometry, figures, mask: vec![0; raster.len()], valid: vec![1; raster.len()] }
+        Self {
+            raster,
+            view,
+            geometry,
+            figures,
+            mask: vec![0; raster.len()],
+            picture: vec![100; raster.len()],
+            valid: vec![1; raster.len()],
+        }
     }
 
     fn look(&mut self, people: &[Person]) {
@@ -73,12 +88,15 @@ impl Room {
         for y in 0..self.raster.height {
             for x in 0..self.raster.width {
                 let (bearing, elevation) = self.view.angles_rad(x as f64, y as f64).unwrap();
-                let seen = people.iter().any(|p| {
+                let there = people.iter().filter(|p| {
                     let aside = protocol::angle::difference(bearing, p.bearing);
                     let z = CAMERA_M + p.range_m * elevation.tan();
                     aside.abs() < 1.2 && p.covers(p.range_m * aside.tan(), z)
                 });
-                self.mask[y * self.raster.width + x] = u8::from(seen);
+                let nearest = there.min_by(|a, b| a.range_m.total_cmp(&b.range_m));
+                let i = y * self.raster.width + x;
+                self.mask[i] = u8::from(nearest.is_some());
+                self.picture[i] = nearest.map_or(100, |p| p.gray);
             }
         }
         self.look_at_the_mask();
@@ -236,5 +254,44 @@ fn at_truth<'a>(room: &Room, p: &Person, shape: &'a Shape) -> Sought<'a> {
         log_range_sigma: 0.1,
         shape,
         seniority: 5,
+    }
+}
+
+#[test]
+fn who_stands_and_is_covered_for_a_while_is_the_same_afterwards() {
+    let mut room = Room::new([-15.0, 20.0]);
+    let mut tracker = Tracker::new(room.raster, room.view.clone(), TrackerSettings::default());
+    let (mut stands, mut passes) = (None, None);
+    for frame in 0..120 {
+        let t = f64::from(frame) * 0.1;
+        // One comes from the left and stands at 0° from 2.5 s on; another comes before him at
+        // 5 s, stays for 3.5 s and goes on.
+        let first = Person { gray: 40, ..person((25.0 - 10.0 * t).max(0.0), 4.0) };
+        let second = Person { gray: 170, ..person(8.0 * (t.min(5.0) + (t - 8.5).max(0.0)) - 40.0, 2.5) };
+        room.look(&[first, second]);
+        let regions = crate::motion::group(&room.mask, &room.raster, [1, 1], 1);
+        let width = |p: &Person| (0.25 / p.range_m).atan();
+        let moving = |region: &Region| {
+            let bearing = room.geometry.bearing_of_column(region.arc.centre());
+            let walks = !(5.0..8.5).contains(&t);
+            t < 2.5 || walks && protocol::angle::difference(bearing, second.bearing).abs() < width(&second)
+        };
+        let objects: Vec<_> =
+            regions.into_iter().map(|region| Object { moves: moving(&region), region, ghost: false }).collect();
+        let scene = Scene { picture: &room.picture, objects: &objects, ..room.scene() };
+        tracker.step(&scene, Timestamp::from_secs_f64(100.0 + t), &[]);
+        let at = |p: &Person| {
+            let near = |v: &&TrackView| protocol::angle::difference(v.bearing_rad, p.bearing).abs() < width(p);
+            let tracks = tracker.tracks();
+            let found: Vec<_> = tracks.iter().filter(near).map(|v| v.id).collect();
+            (found.len() == 1).then(|| found[0])
+        };
+        if frame == 38 {
+            (stands, passes) = (at(&first), at(&second));
+        }
+        if frame == 119 {
+            assert!(stands.is_some() && stands == at(&first), "{stands:?} {:?}", at(&first));
+            assert!(passes.is_some() && passes == at(&second), "{passes:?} {:?}", at(&second));
+        }
     }
 }

@@ -48,6 +48,8 @@ pub struct Settings {
     pub outliers: f64,
     /// Stated sigmas are wrong by factors of this spread (standard deviation of the logarithm), the same over a track's life.
     pub sigma_spread: f64,
+    /// How long a robot says of who was with others that it may be somebody else (until it has looked at the clothes), seconds.
+    pub doubt_s: f64,
     /// Names of the robots in the order of the world.
     pub names: Vec<&'static str>,
     /// Given places instead of random ones.
@@ -64,6 +66,7 @@ impl Settings {
             exchanges: 0.3,
             outliers: 0.05,
             sigma_spread: 0.4,
+            doubt_s: 1.0,
             ..Self::default()
         }
     }
@@ -89,6 +92,7 @@ impl Default for Settings {
             exchanges: 0.0,
             outliers: 0.0,
             sigma_spread: 0.0,
+            doubt_s: 0.0,
             names: vec!["r1", "r2", "r3", "r4", "r5"],
             places: None,
         }
@@ -107,6 +111,8 @@ pub struct RobotTruth {
     vacated: Option<([f64; 2], f64)>,
     sway: Vec<f64>,
     tracks: BTreeMap<usize, (u32, f64)>,
+    /// Until when who was with others is in doubt.
+    doubt_until: std::collections::BTreeMap<usize, f64>,
     next_track: u32,
     /// Shadows and ghosts: where, until when, under which number.
     clutter: Vec<([f64; 2], f64, u32)>,
@@ -207,6 +213,7 @@ impl World {
                 vacated: None,
                 sway: vec![0.0; settings.people],
                 tracks: BTreeMap::new(),
+                doubt_until: std::collections::BTreeMap::new(),
                 next_track: 0,
                 clutter: Vec::new(),
                 split: BTreeMap::new(),
@@ -599,6 +606,10 @@ impl World {
             let low = (-0.6 / d).atan() + normal(&mut self.rng, 0.005);
             let high = ((height - 0.6) / d).atan() + normal(&mut self.rng, 0.005);
             let end = |cut: bool| if cut { ElevationEnd::Cut } else { ElevationEnd::Seen };
+            if merged {
+                self.robots[k].doubt_until.insert(n, t + self.settings.doubt_s);
+            }
+            let doubtful = self.robots[k].doubt_until.get(&n).is_some_and(|until| t < *until);
             observations.push(TrackObservation {
                 track: TrackId(entry.0),
                 state: if merged && !speaks { TrackState::Merged } else { TrackState::Visible },
@@ -611,6 +622,7 @@ impl World {
                 range: None,
                 class: ObjectClass::Unknown,
                 confidence: Fraction8::from_value(0.9),
+                doubtful,
                 appearance: None,
             });
         }
@@ -712,6 +724,7 @@ impl World {
                 range: None,
                 class: ObjectClass::Unknown,
                 confidence: Fraction8::from_value(0.9),
+                doubtful: false,
                 appearance: None,
             });
         }

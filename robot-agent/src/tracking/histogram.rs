@@ -1,4 +1,4 @@
-//! What somebody looks like: a histogram of grey levels, compared by the Bhattacharyya distance (`MATHS.md` §7.10, golden
+//! What an object looks like: a histogram of grey levels, compared by the Bhattacharyya distance (`MATHS.md` §7.10, golden
 //! group `bhattacharyya`). Frozen before a merge, it tells after the split who is who; velocities do not, for people turn back.
 
 use crate::motion::{Region, Scene};
@@ -17,12 +17,12 @@ pub fn bhattacharyya(a: &[f64], b: &[f64]) -> f64 {
 }
 
 /// Grey levels of a region, upper and lower half apart: trousers and jackets are told apart by where they are.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Appearance {
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Histogram {
     bins: [f64; 2 * BINS],
 }
 
-impl Appearance {
+impl Histogram {
     /// Of a region's pixels.
     pub fn of(region: &Region, scene: &Scene<'_>) -> Self {
         let mut bins = [0.0; 2 * BINS];
@@ -52,13 +52,6 @@ impl Appearance {
         for (b, n) in self.bins.iter_mut().zip(&newer.bins) {
             *b = (1.0 - part) * *b * old + part * n * new;
         }
-    }
-
-    /// For the wire: four bits a bin, √ of the share.
-    pub fn to_bytes(&self) -> [u8; 16] {
-        let total = self.bins.iter().sum::<f64>().max(1e-9);
-        let nibble = |i: usize| ((self.bins[i] / total).sqrt() * 15.0).round().clamp(0.0, 15.0) as u8;
-        std::array::from_fn(|i| nibble(2 * i) << 4 | nibble(2 * i + 1))
     }
 }
 

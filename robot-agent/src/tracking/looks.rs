@@ -1,0 +1,237 @@
+//! Who a track is, by what it looks like: whether people who were in one place went on under each other's numbers.
+//!
+//! Where somebody stands says who he is as long as nobody is near. In the picture people pass through each other, and which
+//! figure goes on with which track is then a guess. So what a track looks like is learnt while it is apart from others; once
+//! it has been with others (or unseen), it is in doubt until it has been apart again for some frames, and then compared: with
+//! itself before, and with those who were in doubt with it.
+
+use protocol::appearance::{Appearance, BAND_M, BANDS, Band};
+
+use super::View;
+use super::track::Track;
+use crate::motion::{Region, Scene};
+
+/// Half of the breadth that is looked at, metres: no arms.
+const HALF_M: f64 = 0.2;
+/// Fewest pixels of a band that is seen.
+const LEAST_PIXELS: f64 = 12.0;
+/// Frames apart from which on somebody is known, and sights of somebody in doubt that are enough to decide.
+const KNOWN_SIGHTS: u32 = 5;
+const DECIDING_SIGHTS: u32 = 10;
+/// Sights after which the partner of an exchange is not waited for any more.
+const PATIENT_SIGHTS: u32 = 20;
+/// How fast looks follow a sight, at least.
+const FOLLOW_RECENT: f64 = 0.15;
+const FOLLOW_KNOWN: f64 = 0.03;
+/// Gain of an exchange that is believed, nats.
+const EXCHANGED: f64 = 1.0;
+/// Somebody so unlike himself before is somebody else, nats.
+const SOMEBODY_ELSE: f64 = -2.0;
+/// Sights at which what is known is told anew.
+const TOLD_AT: [u32; 2] = [12, 40];
+
+/// What an upright person looks like, whose axis and distance are known.
+pub(super) fn appearance(region: &Region, scene: &Scene<'_>, view: &View, axis: f64, range_m: f64) -> Appearance {
+    let width = scene.raster.width;
+    let camera_m = view.height_m.map_or(0.6, |(h, _)| h);
+    let mut sums = [[0.0; 3]; BANDS];
+    for (row, start, len) in region.spans() {
+        let Some((_, elevation)) = view.angles_rad(axis, row as f64) else { continue };
+        let band = (camera_m + range_m * elevation.tan()) / BAND_M;
+        if !(0.0..BANDS as f64).contains(&band) {
+            continue;
+        }
+        let half = HALF_M / range_m / view.steps_rad(axis, row as f64)[0];
+        let first = scene.raster.column_difference(start as f64, axis);
+        let skipped = (-half - first).ceil().max(0.0) as usize;
+        let end = ((half - first).floor() + 1.0).clamp(0.0, len as f64) as usize;
+        let sum = &mut sums[band as usize];
+        for &p in scene.picture[row * width + start..][..len].get(skipped..end).unwrap_or_default() {
+            let p = f64::from(p);
+            for (s, v) in sum.iter_mut().zip([1.0, p, p * p]) {
+                *s += v;
+            }
+        }
+    }
+    Appearance(sums.map(|[n, sum, squares]| {
+        (n >= LEAST_PIXELS).then(|| Band::of(sum / n, (squares / n - (sum / n).powi(2)).max(0.0).sqrt()))
+    }))
+}
+
+/// What a track looks like.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Looks {
+    known: Appearance,
+    sights: u32,
+    /// Since it was last with others.
+    recent: Appearance,
+    recent_sights: u32,
+    doubtful: bool,
+}
+
+impl Looks {
+    /// A sight apart from others. Whether what is known should be told.
+    pub(super) fn see(&mut self, now: &Appearance) -> bool {
+        self.recent_sights += 1;
+        self.recent.follow(now, (1.0 / f64::from(self.recent_sights)).max(FOLLOW_RECENT));
+        if self.doubtful {
+            return false;
+        }
+        self.sights += 1;
+        self.known.follow(now, (1.0 / f64::from(self.sights)).max(FOLLOW_KNOWN));
+        TOLD_AT.contains(&self.sights)
+    }
+
+    /// It is with others, or not seen: it may go on as somebody else.
+    pub(super) fn doubt(&mut self) {
+        self.doubtful = self.sights >= KNOWN_SIGHTS;
+        if !self.doubtful {
+            (self.known, self.sights) = (Appearance::default(), 0);
+        }
+        (self.recent, self.recent_sights) = (Appearance::default(), 0);
+    }
+
+    /// What is known of it; `None` where that is too little to be told.
+    pub(super) fn known(&self) -> Option<&Appearance> {
+        (self.known.seen() >= 2).then_some(&self.known)
+    }
+
+    /// Whether it may be somebody else than it was.
+    pub(super) fn in_doubt(&self) -> bool {
+        self.doubtful
+    }
+
+    fn is_seen(&self) -> bool {
+        self.recent_sights >= DECIDING_SIGHTS
+    }
+
+    fn settle(&mut self) {
+        self.doubtful = false;
+        self.known.follow(&self.recent, 0.1);
+    }
+}
+
+/// What became of a track in doubt.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Verdict {
+    /// It is who it was.
+    Same,
+    /// It and this other go on under each other's number.
+    Exchanged(usize),
+    /// Nobody that is known.
+    SomebodyElse,
+}
+
+/// Decides on a track that has been in doubt and is seen apart again; `None` while that is too early. `all`: the looks of all
+/// tracks and whether they are confirmed.
+fn judge(all: &[(&Looks, bool)], t: usize) -> Option<Verdict> {
+    let me = all[t].0;
+    if !me.doubtful || !me.is_seen() {
+        return None;
+    }
+    let same = me.recent.log_ratio(&me.known);
+    let in_doubt_too = || all.iter().enumerate().filter(|(o, (you, confirmed))| *o != t && you.doubtful && *confirmed);
+    let gain = |you: &Looks| {
+        me.recent.log_ratio(&you.known) - same + you.recent.log_ratio(&me.known) - you.recent.log_ratio(&you.known)
+    };
+    let seen = in_doubt_too().filter(|(_, (you, _))| you.is_seen()).map(|(o, (you, _))| (o, gain(you)));
+    if let Some((o, _)) = seen.filter(|(_, gain)| *gain > EXCHANGED).max_by(|a, b| a.1.total_cmp(&b.1)) {
+        return Some(Verdict::Exchanged(o));
+    }
+    if me.recent_sights < PATIENT_SIGHTS && in_doubt_too().any(|(_, (you, _))| !you.is_seen()) {
+        return None;
+    }
+    Some(if same < SOMEBODY_ELSE { Verdict::SomebodyElse } else { Verdict::Same })
+}
+
+/// Acts on the verdicts; gives the tracks whose looks should be told. `new_id` numbers who is nobody that was known.
+pub(super) fn settle(tracks: &mut [Track], mut new_id: impl FnMut() -> protocol::id::TrackId) -> Vec<usize> {
+    let mut told = Vec::new();
+    for t in 0..tracks.len() {
+        let all: Vec<(&Looks, bool)> = tracks.iter().map(|t| (&t.looks, t.confirmed)).collect();
+        match judge(&all, t) {
+            None => continue,
+            Some(Verdict::Same) => {}
+            Some(Verdict::Exchanged(o)) => {
+                exchange(tracks, t, o);
+                tracks[o].looks.settle();
+                told.push(o);
+            }
+            Some(Verdict::SomebodyElse) => {
+                let track = &mut tracks[t];
+                track.id = new_id();
+                track.looks.known = track.looks.recent;
+                track.looks.sights = track.looks.recent_sights;
+                track.announced = false;
+            }
+        }
+        tracks[t].looks.settle();
+        told.push(t);
+    }
+    told
+}
+
+/// Numbers and what belongs to a person and not to a place.
+fn exchange(tracks: &mut [Track], a: usize, b: usize) {
+    let [a, b] = {
+        let (low, high) = (a.min(b), a.max(b));
+        let (left, right) = tracks.split_at_mut(high);
+        [&mut left[low], &mut right[0]]
+    };
+    std::mem::swap(&mut a.id, &mut b.id);
+    std::mem::swap(&mut a.announced, &mut b.announced);
+    std::mem::swap(&mut a.figure_shape, &mut b.figure_shape);
+    std::mem::swap(&mut a.looks.known, &mut b.looks.known);
+    std::mem::swap(&mut a.looks.sights, &mut b.looks.sights);
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn clothes(trousers: f64, shirt: f64) -> Appearance {
+        Appearance(std::array::from_fn(|i| Some(Band::of(if i < 4 { trousers } else { shirt }, 10.0))))
+    }
+
+    /// Somebody who is known, was with others, and has been seen apart again for some frames.
+    fn met(before: &Appearance, after: &Appearance, frames: u32) -> Looks {
+        let mut looks = Looks::default();
+        for _ in 0..20 {
+            looks.see(before);
+        }
+        looks.doubt();
+        for _ in 0..frames {
+            looks.see(after);
+        }
+        looks
+    }
+
+    #[test]
+    fn who_goes_on_as_whom_is_told_by_the_clothes() {
+        let (dark, bright) = (clothes(25.0, 60.0), clothes(60.0, 150.0));
+        let judged = |pairs: [(&Appearance, &Appearance); 2], frames| {
+            let [a, b] = pairs.map(|(before, after)| met(before, after, frames));
+            judge(&[(&a, true), (&b, true)], 0)
+        };
+        assert_eq!(judged([(&dark, &dark), (&bright, &bright)], 12), Some(Verdict::Same));
+        assert_eq!(judged([(&dark, &bright), (&bright, &dark)], 12), Some(Verdict::Exchanged(1)));
+        assert_eq!(judged([(&dark, &bright), (&bright, &dark)], 3), None, "too early");
+        // Two who look alike keep their numbers.
+        assert_eq!(judged([(&dark, &dark), (&dark, &dark)], 12), Some(Verdict::Same));
+        let stranger = met(&dark, &bright, 12);
+        assert_eq!(judge(&[(&stranger, true)], 0), Some(Verdict::SomebodyElse));
+    }
+
+    #[test]
+    fn who_was_hardly_seen_before_has_no_past() {
+        let (dark, bright) = (clothes(25.0, 60.0), clothes(60.0, 150.0));
+        let mut looks = Looks::default();
+        looks.see(&dark);
+        looks.doubt();
+        for _ in 0..12 {
+            looks.see(&bright);
+        }
+        assert!(!looks.in_doubt());
+        assert!(looks.known().unwrap().log_ratio(&bright) > 1.0);
+    }
+}
