@@ -112,7 +112,7 @@ pub struct RobotTruth {
     sway: Vec<f64>,
     tracks: BTreeMap<usize, (u32, f64)>,
     /// Until when who was with others is in doubt.
-    doubt_until: std::collections::BTreeMap<usize, f64>,
+    doubt_until: BTreeMap<usize, f64>,
     next_track: u32,
     /// Shadows and ghosts: where, until when, under which number.
     clutter: Vec<([f64; 2], f64, u32)>,
@@ -213,7 +213,7 @@ impl World {
                 vacated: None,
                 sway: vec![0.0; settings.people],
                 tracks: BTreeMap::new(),
-                doubt_until: std::collections::BTreeMap::new(),
+                doubt_until: BTreeMap::new(),
                 next_track: 0,
                 clutter: Vec::new(),
                 split: BTreeMap::new(),
