@@ -74,3 +74,10 @@ fn pair(text: &str) -> Result<[f64; 2], String> {
         _ => Err("must be two numbers with a comma between them, as 383.5,287.5".into()),
     }
 }
+
+/// A JSON file of a command's input.
+fn read_json<T: serde::de::DeserializeOwned>(path: &Path) -> Result<T, Failure> {
+    let text = std::fs::read_to_string(path)
+        .map_err(|e| Failure::usage(format!("{}: cannot be read: {e}", path.display())))?;
+    serde_json::from_str(&text).map_err(|e| Failure::usage(format!("{}: {e}", path.display())))
+}

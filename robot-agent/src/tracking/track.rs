@@ -247,11 +247,11 @@ impl Track {
             let stands = self.filter.rate.abs() < STANDING_RATE * s.trunk_width;
             self.stand =
                 stands.then(|| Stand { at: now, column: self.axis, log_range: self.log_range, patch: self.patch() });
-        }
-        if !s.apart {
+            if self.looks.see(&s.appearance) {
+                self.turning_point = Some(now);
+            }
+        } else {
             self.looks.doubt();
-        } else if self.looks.see(&s.appearance) {
-            self.turning_point = Some(now);
         }
         self.state = if s.alone { TrackState::Visible } else { TrackState::Merged };
         (self.support, self.feet_hidden) = (s.support, s.feet_hidden);

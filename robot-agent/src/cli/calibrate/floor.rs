@@ -1,10 +1,9 @@
 //! `robot-agent calibrate floor`.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use robot_agent::calibration::floor::{self, Plan};
 use robot_agent::optics::MountedCamera;
-use serde::de::DeserializeOwned;
 use serde_json::json;
 
 use super::super::{Failure, Format};
@@ -36,8 +35,8 @@ pub(super) struct Arguments {
 /// Runs the command.
 pub(super) fn execute(arguments: &Arguments) -> Result<(), Failure> {
     let camera = MountedCamera::load(&arguments.camera).map_err(Failure::usage)?;
-    let plan: Plan = read(&arguments.plan)?;
-    let points: Vec<[f64; 2]> = read(&arguments.points)?;
+    let plan: Plan = super::read_json(&arguments.plan)?;
+    let points: Vec<[f64; 2]> = super::read_json(&arguments.points)?;
     let fit = floor::fit(&camera, &plan, &points, arguments.sigma_px, arguments.range_m).map_err(Failure::usage)?;
     let covariance: Vec<Vec<f64>> = fit.covariance.row_iter().map(|row| row.iter().copied().collect()).collect();
     let [x_m, y_m, heading] = fit.pose;
@@ -48,10 +47,4 @@ pub(super) fn execute(arguments: &Arguments) -> Result<(), Failure> {
     });
     super::print(arguments.format, &[fit.words()], &numbers)?;
     if fit.fits() { Ok(()) } else { Err(Failure::job(format!("{}: does not fit", arguments.camera.display()))) }
-}
-
-fn read<T: DeserializeOwned>(path: &Path) -> Result<T, Failure> {
-    let text = std::fs::read_to_string(path)
-        .map_err(|e| Failure::usage(format!("{}: cannot be read: {e}", path.display())))?;
-    serde_json::from_str(&text).map_err(|e| Failure::usage(format!("{}: {e}", path.display())))
 }

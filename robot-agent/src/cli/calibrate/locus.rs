@@ -31,7 +31,7 @@ pub(super) struct Arguments {
 
 /// Runs the command.
 pub(super) fn execute(arguments: &Arguments) -> Result<(), Failure> {
-    let measured = read(&arguments.measured)?;
+    let measured: Measured = super::read_json(&arguments.measured)?;
     let (centre_px, aspect) = match (&arguments.camera, arguments.centre_px) {
         (Some(path), _) => of_camera(path)?,
         (None, Some(centre_px)) => (centre_px, 1.0),
@@ -63,12 +63,6 @@ pub(super) fn execute(arguments: &Arguments) -> Result<(), Failure> {
         "is_one_point": locus.p_value >= locus::SIGNIFICANCE,
     });
     super::print(arguments.format, &words, &numbers)
-}
-
-fn read(path: &Path) -> Result<Measured, Failure> {
-    let text = std::fs::read_to_string(path)
-        .map_err(|e| Failure::usage(format!("{}: cannot be read: {e}", path.display())))?;
-    serde_json::from_str(&text).map_err(|e| Failure::usage(format!("{}: {e}", path.display())))
 }
 
 fn of_camera(path: &Path) -> Result<([f64; 2], f64), Failure> {
