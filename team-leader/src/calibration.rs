@@ -10,6 +10,7 @@
 //!                               │ links: slots with both names
 //!        robot stands ──▶ block (joint Gauss-Newton over all standing robots, prior from everything before)
 //!        robot moves  ──▶ rover (own filter, conditional on the block) ──▶ stands again: back into the block
+//!        nobody stands, all have odometry ──▶ convoy (one filter over all)
 //! ```
 //!
 //! Why averages instead of a filter: a sighting has a white error, which averages out, and one that is fixed by the
@@ -18,6 +19,7 @@
 
 pub mod block;
 pub mod closed_form;
+pub mod convoy;
 pub mod kernel;
 pub mod live;
 pub mod naming;

@@ -138,6 +138,9 @@ impl Leader {
         }
         let anchor = self.config.anchor.filter(|a| a.robot == robot).map(|a| a.team_from_body);
         let k = self.calibrator.add_robot(anchor);
+        if let Some(fixed) = self.config.fixed.iter().find(|f| f.robot == robot) {
+            self.calibrator.fix(k, fixed.team_from_body);
+        }
         self.members.push(Member::new(robot));
         Some(k)
     }

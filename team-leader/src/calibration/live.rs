@@ -9,10 +9,13 @@ use protocol::message::{MapStatus, Motion};
 use protocol::time::Timestamp;
 
 use super::block::Block;
+use super::convoy::Convoy;
 use super::slot::Sighted;
 use crate::leader::config::CalibrationConfig;
 use robots::Robot;
 
+/// Covariance of a pose that is given, not measured.
+const GAUGE_VAR: f64 = 1e-10;
 /// A slot unseen for longer is not fresh, seconds: it keeps its name but proves nothing.
 const FRESH_S: f64 = 1.5;
 /// Sightings a slot needs before it is named.
@@ -35,6 +38,8 @@ pub struct Calibrator {
     anchor: Option<(usize, Pose2)>,
     robots: Vec<Robot>,
     block: Block,
+    /// Used while nobody has ever stood: what drives, with odometry.
+    convoy: Convoy,
     gauge: Option<usize>,
     ambiguous: Vec<usize>,
     last_naming: Option<Timestamp>,
@@ -86,6 +91,7 @@ impl Calibrator {
             anchor: None,
             robots: Vec::new(),
             block: Block::new(config.common_width_rad),
+            convoy: Convoy::default(),
             gauge: None,
             ambiguous: Vec::new(),
             last_naming: None,
@@ -106,6 +112,12 @@ impl Calibrator {
         robot
     }
 
+    /// The robot stands where it is said to, for good: a member from the start, its pose never solved for.
+    pub fn fix(&mut self, robot: usize, pose: Pose2) {
+        self.block.insert(robot, pose, &(Matrix3::identity() * GAUGE_VAR));
+        self.gauge = self.gauge.or(Some(robot));
+    }
+
     /// Works on one observation.
     pub fn observe(&mut self, look: &Look<'_>) -> Changes {
         self.changes = Changes::default();
@@ -114,6 +126,7 @@ impl Calibrator {
         if self.robots[look.robot].standing_since.is_some() && look.motion == Motion::Standing {
             self.fill_slots(look.robot, look.at, &rest);
         }
+        self.follow_convoy(look);
         self.name_slots_of_members(look.robot, look.at);
         self.name_strangers(look.at);
         self.check_names(look.at);
@@ -123,12 +136,33 @@ impl Calibrator {
 
     /// The robot whose pose fixed the frame.
     pub fn gauge(&self) -> Option<usize> {
-        self.gauge
+        self.gauge.or_else(|| self.convoy.gauge())
     }
 
     /// Pose of a robot at `at`, where known.
     pub fn pose(&self, robot: usize, at: Timestamp) -> Option<Pose2> {
-        self.block.pose(robot).or_else(|| Some(self.robots.get(robot)?.rover.as_ref()?.pose_at(at)))
+        let placed = self.block.pose(robot).or_else(|| Some(self.robots.get(robot)?.rover.as_ref()?.pose_at(at)));
+        placed.or_else(|| self.convoy.pose(robot, at).filter(|_| self.is_convoy()))
+    }
+
+    /// Whether the frame is that of a team on the move: nobody has stood and been tied to others yet.
+    fn is_convoy(&self) -> bool {
+        self.gauge.is_none()
+    }
+
+    /// Odometry and sightings of a team on the move.
+    fn follow_convoy(&mut self, look: &Look<'_>) {
+        if !self.is_convoy() {
+            return;
+        }
+        if let (Some((step, covariance)), Some(since_s)) = (look.odometry, look.since_last_s) {
+            self.convoy.drive(look.robot, look.at, step, &covariance, since_s);
+        }
+        for sighted in look.sightings {
+            if let Some(peer) = sighted.robot.filter(|peer| *peer != look.robot) {
+                self.convoy.sight(look.robot, peer, look.at, sighted);
+            }
+        }
     }
 
     /// Pose of a robot that stands and is a member of the block: only its bearings measure targets.
@@ -157,6 +191,9 @@ impl Calibrator {
 
     /// Covariance between two robots with a pose (x, y, heading each).
     pub fn covariance(&self, a: usize, b: usize) -> Matrix3<f64> {
+        if let Some(cov) = self.convoy.covariance(a, b).filter(|_| self.is_convoy()) {
+            return cov;
+        }
         let scale = self.scale();
         if let Some(cov) = self.block.covariance(a, b) {
             return scale * cov;
@@ -181,7 +218,7 @@ impl Calibrator {
         let unplaced: Vec<usize> =
             (0..self.robots.len()).filter(|&r| self.robots[r].seen && !self.is_placed(r)).collect();
         let (chi2, dof) = self.block.chi2();
-        if self.gauge.is_none() {
+        if self.gauge().is_none() {
             let status = if self.ambiguous.is_empty() { MapStatus::Waiting } else { MapStatus::Ambiguous };
             return (status, if self.ambiguous.is_empty() { unplaced } else { self.ambiguous.clone() });
         }
@@ -201,7 +238,8 @@ impl Calibrator {
     }
 
     fn is_placed(&self, robot: usize) -> bool {
-        self.block.contains(robot) || self.robots[robot].rover.is_some()
+        let convoy = self.is_convoy() && self.convoy.contains(robot);
+        self.block.contains(robot) || self.robots[robot].rover.is_some() || convoy
     }
 
     /// Measurements that contradict each other more than chance allows make everything less certain.

@@ -13,6 +13,8 @@ pub struct LeaderCoreConfig {
     /// Whose given pose fixes the team frame at the first solution. Without one the first standing robot's body frame
     /// becomes the team frame.
     pub anchor: Option<Anchor>,
+    /// Robots whose poses are known and stay: fixed cameras, surveyed places.
+    pub fixed: Vec<Anchor>,
     /// Clock probes.
     pub clock: ClockConfig,
     /// Mutual calibration.
@@ -30,6 +32,7 @@ impl LeaderCoreConfig {
             leader,
             term: 1,
             anchor: None,
+            fixed: Vec::new(),
             clock: ClockConfig::default(),
             calibration: CalibrationConfig::default(),
             targets: TargetConfig::default(),

@@ -11,7 +11,7 @@ use protocol::message::MapStatus;
 
 use super::input::{Bearing, Problem};
 use super::output::{Solution, SolvedRobot, SolvedTarget, UNKNOWN_VAR};
-use super::start::{Axis, axis, name_sightings, radius_m};
+use super::start::{Axis, among_landmarks, axis, name_sightings, radius_m};
 use crate::calibration::closed_form::relative_pose;
 use crate::stereo::triangulate::{StereoBearings, StereoSigmas, fuse_heights, height_m, triangulate};
 
@@ -29,6 +29,10 @@ pub fn solve(mut problem: Problem) -> Solution {
     let n = problem.robots.len();
     let mut poses: Vec<Option<(Pose2, Matrix3<f64>)>> =
         problem.robots.iter().map(|r| r.pose.map(|p| (p, Matrix3::zeros()))).collect();
+    for (robot, pose) in poses.iter_mut().enumerate().filter(|(_, p)| p.is_none()) {
+        // The closed form says nothing of how sure it is.
+        *pose = among_landmarks(&problem, robot).map(|p| (p, Matrix3::identity() * UNKNOWN_VAR));
+    }
     if poses.iter().all(Option::is_none) {
         poses[problem.anchor] = Some((Pose2::IDENTITY, Matrix3::zeros()));
     }
@@ -56,7 +60,9 @@ pub fn solve(mut problem: Problem) -> Solution {
                 x_m: pose.x_m,
                 y_m: pose.y_m,
                 heading_deg: pose.heading_rad.to_degrees(),
-                covariance: Some([0, 1, 2].map(|r| [cov[(r, 0)], cov[(r, 1)], cov[(r, 2)]])),
+                covariance: (cov[(0, 0)] < UNKNOWN_VAR)
+                    .then(|| [0, 1, 2].map(|r| [cov[(r, 0)], cov[(r, 1)], cov[(r, 2)]])),
+                nuisance: Default::default(),
             })
         })
         .collect();
@@ -67,15 +73,8 @@ pub fn solve(mut problem: Problem) -> Solution {
     } else {
         (SolveStatus::Converged, "closed forms, pair by pair")
     };
-    Solution {
-        status,
-        explanation: explanation.to_owned(),
-        robots,
-        targets,
-        chi2: 0.0,
-        dof: 0,
-        weakest_direction: "not known by closed forms".to_owned(),
-    }
+    let weakest_direction = "not known by closed forms".to_owned();
+    Solution { robots, targets, weakest_direction, ..Solution::empty(status, explanation) }
 }
 
 /// Mean of all that `i` says of `j` and back; `None` without both bearings and a distance.
@@ -184,7 +183,21 @@ fn by_pair(
             y_m: position.y,
             z_m: z.map(|(z, _)| z),
             covariance: Some([[cov[(0, 0)], cov[(0, 1)], 0.0], [cov[(1, 0)], cov[(1, 1)], 0.0], [0.0, 0.0, z_var]]),
-            observers: super::observers(problem, target),
+            observers: observers(problem, target),
+            time_s: None,
+            velocity_mps: None,
         },
     ))
+}
+
+/// Who has a bearing of the target.
+fn observers(problem: &Problem, target: usize) -> Vec<String> {
+    let mut ids: Vec<String> = Vec::new();
+    for b in problem.bearings.iter().filter(|b| b.target == Some(target)) {
+        let id = &problem.robots[b.observer].id;
+        if !ids.contains(id) {
+            ids.push(id.clone());
+        }
+    }
+    ids
 }

@@ -8,6 +8,11 @@ use protocol::marker::Marker;
 use serde::Deserialize;
 
 use super::SolveError;
+use super::layout::Nuisance;
+
+/// Length of a piece of a target's way that is taken for straight, seconds: a walker's acceleration of 0.5 m/s² bends it by
+/// 5 mm.
+pub const PIECE_S: f64 = 0.4;
 
 /// One problem as written.
 #[derive(Debug, Clone, Default, Deserialize)]
@@ -46,6 +51,10 @@ pub struct RawRobot {
     pub marker: Option<Marker>,
     /// Known pose: held fixed.
     pub pose: Option<RawPose>,
+    /// A priori sigma of an error that all bearings of this robot share; makes it an unknown.
+    pub bearing_bias_sigma_deg: Option<f64>,
+    /// A priori sigma of by how much its stamps are late; makes it an unknown. Needs bearings with `time_s`.
+    pub time_offset_sigma_s: Option<f64>,
 }
 
 /// A pose as written.
@@ -112,6 +121,8 @@ pub struct RawBearing {
     pub observer: String,
     #[serde(default)]
     pub target: Option<String>,
+    /// When; in one problem: a target with times may move.
+    pub time_s: Option<f64>,
     pub bearing_deg: f64,
     pub bearing_sigma_deg: f64,
     pub elevation_deg: Option<f64>,
@@ -152,6 +163,8 @@ pub struct Robot {
     pub marker: Marker,
     /// Held fixed.
     pub pose: Option<Pose2>,
+    /// Errors of its measurements that are unknowns.
+    pub nuisance: Nuisance,
 }
 
 /// A sighting, radians and metres.
@@ -208,6 +221,8 @@ pub struct Bearing {
     pub bearing: (f64, f64),
     /// Elevation and sigma.
     pub elevation: Option<(f64, f64)>,
+    /// Stamp, seconds.
+    pub time_s: Option<f64>,
 }
 
 /// A known target.
@@ -232,8 +247,10 @@ pub struct Problem {
     pub sightings: Vec<Sighting>,
     /// Bearings.
     pub bearings: Vec<Bearing>,
-    /// Names of targets and landmarks.
+    /// Names of targets and landmarks; of a target that may move once for each piece of its way.
     pub targets: Vec<String>,
+    /// When each is where it is, for those that may move.
+    pub times: Vec<Option<f64>>,
     /// Landmarks.
     pub landmarks: Vec<Landmark>,
 }
@@ -262,11 +279,14 @@ impl Problem {
         };
         let anchor = raw.anchor.as_ref().map_or(Ok(0), |id| robot_of(id, "anchor".into()))?;
         let mut targets: Vec<String> = Vec::new();
-        let mut target_of = |id: &str| {
-            targets.iter().position(|t| t == id).unwrap_or_else(|| {
+        let mut numbers: BTreeMap<String, usize> = BTreeMap::new();
+        let mut target_of = |id: &str| match numbers.get(id) {
+            Some(number) => *number,
+            None => {
                 targets.push(id.to_owned());
+                numbers.insert(id.to_owned(), targets.len() - 1);
                 targets.len() - 1
-            })
+            }
         };
         let mut landmarks: Vec<Landmark> = Vec::new();
         for (k, l) in raw.landmarks.iter().enumerate() {
@@ -310,9 +330,46 @@ impl Problem {
                     positive(b.bearing_sigma_deg, || place("bearing_sigma_deg"))?.to_radians(),
                 ),
                 elevation,
+                time_s: b.time_s.map(|t| finite(t, || place("time_s"))).transpose()?,
             });
         }
-        Ok(Self { robots, anchor, sightings, bearings, targets, landmarks })
+        let times = vec![None; targets.len()];
+        Ok(Self { robots, anchor, sightings, bearings, targets, times, landmarks })
+    }
+
+    /// Targets whose bearings have times become one for each [`PIECE_S`] of their way, in which they go straight on.
+    pub fn split_by_time(&mut self) {
+        let mut pieces: BTreeMap<(usize, i64), (usize, f64, f64)> = BTreeMap::new();
+        let names = self.targets.clone();
+        let mut used = vec![false; names.len()];
+        for l in &self.landmarks {
+            used[l.target] = true;
+        }
+        let still = used.clone();
+        for b in &mut self.bearings {
+            let Some(target) = b.target.filter(|t| !still[*t]) else { continue };
+            let Some(time_s) = b.time_s else {
+                used[target] = true;
+                continue;
+            };
+            let key = (target, (time_s / PIECE_S).floor() as i64);
+            let node = pieces.entry(key).or_insert_with(|| {
+                // The first piece takes the target's own place, if nothing without a time has it.
+                let node = if used[target] { self.targets.len() } else { target };
+                if node == target {
+                    used[target] = true;
+                } else {
+                    self.targets.push(names[target].clone());
+                    self.times.push(None);
+                }
+                (node, 0.0, 0.0)
+            });
+            (node.1, node.2) = (node.1 + time_s, node.2 + 1.0);
+            b.target = Some(node.0);
+        }
+        for (node, sum, count) in pieces.into_values() {
+            self.times[node] = Some(sum / count);
+        }
     }
 }
 
@@ -332,11 +389,16 @@ fn check_robot(raw: &RawRobot) -> Result<Robot, SolveError> {
         )),
         None => None,
     };
+    let sigma = |value: Option<f64>, key: &str| value.map(|s| positive(s, || place(key))).transpose();
     Ok(Robot {
         id: raw.id.clone(),
         camera_height_m: positive(raw.camera_height_m.unwrap_or(0.6), || place("camera_height_m"))?,
         marker,
         pose,
+        nuisance: Nuisance {
+            bias_rad: sigma(raw.bearing_bias_sigma_deg, "bearing_bias_sigma_deg")?.map(f64::to_radians),
+            offset_s: sigma(raw.time_offset_sigma_s, "time_offset_sigma_s")?,
+        },
     })
 }
 

@@ -14,12 +14,43 @@ pub struct Solution {
     pub robots: Vec<SolvedRobot>,
     /// Targets with a place.
     pub targets: Vec<SolvedTarget>,
-    /// Sum of squared standardised residuals.
+    /// Sum of squared standardised residuals, each by its weight.
     pub chi2: f64,
     /// Degrees of freedom.
     pub dof: usize,
     /// What is known least, in words.
     pub weakest_direction: String,
+    /// Directions that nothing determines, in words.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub undetermined: Vec<String>,
+    /// Measurements that would determine them, in words.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub cures: Vec<String>,
+    /// Pairs whose two directions disagree, and measurements that were not believed.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub warnings: Vec<String>,
+    /// Of all robots that are not held, jointly.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub joint_covariance: Option<JointCovariance>,
+}
+
+impl Solution {
+    /// A solution with nothing in it.
+    pub fn empty(status: SolveStatus, explanation: &str) -> Self {
+        Self {
+            status,
+            explanation: explanation.to_owned(),
+            robots: Vec::new(),
+            targets: Vec::new(),
+            chi2: 0.0,
+            dof: 0,
+            weakest_direction: String::new(),
+            undetermined: Vec::new(),
+            cures: Vec::new(),
+            warnings: Vec::new(),
+            joint_covariance: None,
+        }
+    }
 }
 
 /// A robot.
@@ -35,6 +66,35 @@ pub struct SolvedRobot {
     pub heading_deg: f64,
     /// x, y, heading; m and rad. Null where the direction is not determined.
     pub covariance: Option<[[f64; 3]; 3]>,
+    /// Bias and time offset, where they are unknowns.
+    #[serde(flatten)]
+    pub nuisance: SolvedNuisance,
+}
+
+/// Errors of a robot's measurements that were solved for.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
+pub struct SolvedNuisance {
+    /// Added to all its bearings, degrees.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub bearing_bias_deg: Option<f64>,
+    /// Its standard deviation.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub bearing_bias_sigma_deg: Option<f64>,
+    /// By how much its stamps are late, seconds.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub time_offset_s: Option<f64>,
+    /// Its standard deviation.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub time_offset_sigma_s: Option<f64>,
+}
+
+/// Covariance of several robots' poses.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct JointCovariance {
+    /// Whose, in order.
+    pub robots: Vec<String>,
+    /// x, y, heading of each; m and rad.
+    pub matrix: Vec<Vec<f64>>,
 }
 
 /// A target.
@@ -52,6 +112,12 @@ pub struct SolvedTarget {
     pub covariance: Option<[[f64; 3]; 3]>,
     /// Who sees it.
     pub observers: Vec<String>,
+    /// When it is there, where its bearings have times.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub time_s: Option<f64>,
+    /// Velocity x, y, where bearings of several instants tell it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub velocity_mps: Option<[f64; 2]>,
 }
 
 /// Variance of what nothing tells, m².

@@ -14,6 +14,8 @@ use crate::stereo::triangulate::{StereoBearings, triangulate};
 const GATE: f64 = 12.0;
 /// How much cheaper a group must be than a rival for the same bearings.
 const MARGIN: f64 = 6.0;
+/// Stamps of bearings that may be of one place, seconds.
+const TOGETHER_S: f64 = 0.02;
 /// Farthest target, metres.
 const FAR_M: f64 = 100.0;
 
@@ -65,6 +67,7 @@ pub fn pair(problem: &mut Problem, poses: &[[f64; 3]], pose_sigma: &[(f64, f64)]
             }
         };
         problem.targets.push(name);
+        problem.times.push(group.members.iter().find_map(|m| problem.bearings[*m].time_s));
         for &m in &group.members {
             taken[m] = true;
             problem.bearings[m].target = Some(problem.targets.len() - 1);
@@ -83,7 +86,11 @@ fn grow(
     open: &[usize],
 ) -> Option<Group> {
     let (first, second) = (&problem.bearings[a], &problem.bearings[b]);
-    if first.observer == second.observer {
+    let together = |m: usize| match (first.time_s, problem.bearings[m].time_s) {
+        (Some(a), Some(b)) => (a - b).abs() < TOGETHER_S,
+        (a, b) => a == b,
+    };
+    if first.observer == second.observer || !together(b) {
         return None;
     }
     let (i, j) = (first.observer, second.observer);
@@ -134,7 +141,7 @@ fn grow(
     for other in others {
         let best = open
             .iter()
-            .filter(|&&m| problem.bearings[m].observer == other)
+            .filter(|&&m| problem.bearings[m].observer == other && together(m))
             .filter_map(|&m| {
                 let d = p - at(other);
                 let range = d.norm().max(0.1);

@@ -7,6 +7,7 @@
 use std::collections::BTreeMap;
 
 use protocol::angle::wrap;
+use protocol::frames::Pose2;
 use protocol::id::{LeaderId, RobotId, TrackId};
 use protocol::message::observation::Odometry;
 use protocol::message::{
@@ -173,10 +174,10 @@ fn new_leader(problem: &Problem, ids: &[RobotId], anchored: bool, at: Timestamp)
     config.calibration.common_width_rad = 1e-6;
     config.targets.axis_sway_m = 0.0;
     config.targets.correlation_s = 0.0;
-    let posed = problem.robots.iter().position(|r| r.pose.is_some());
-    if let Some(robot) = posed.or(anchored.then_some(problem.anchor)) {
-        let team_from_body = problem.robots[robot].pose.unwrap_or_default();
-        config.anchor = Some(Anchor { robot: ids[robot], team_from_body });
+    let posed = problem.robots.iter().zip(ids).filter_map(|(r, id)| Some((r.pose?, *id)));
+    config.fixed = posed.map(|(team_from_body, robot)| Anchor { robot, team_from_body }).collect();
+    if config.fixed.is_empty() && anchored {
+        config.anchor = Some(Anchor { robot: ids[problem.anchor], team_from_body: Pose2::IDENTITY });
     }
     let mut leader = Leader::new(config);
     let mut outputs = Vec::new();

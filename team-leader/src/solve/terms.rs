@@ -6,6 +6,7 @@
 
 use protocol::angle::wrap;
 
+use super::layout::{ROBOT, State, TARGET};
 use crate::calibration::kernel;
 
 /// What is measured. Lengths in metres.
@@ -81,6 +82,8 @@ pub struct Term {
     pub measured: f64,
     /// Standard deviation.
     pub sigma: f64,
+    /// Stamp minus the target's reference time, s; 0 for what stands.
+    pub since_s: f64,
 }
 
 /// A predicted number with derivatives to the observer's pose and to the other (pose x y h of a robot, x y z of a target).
@@ -94,7 +97,51 @@ pub struct Prediction {
     pub other: [f64; 3],
 }
 
+/// A standardised residual (predicted − measured)/sigma with its derivatives to all numbers of observer and other.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Row {
+    /// The residual.
+    pub residual: f64,
+    /// To the observer's numbers.
+    pub observer: [f64; ROBOT],
+    /// To the other's numbers.
+    pub other: [f64; TARGET],
+}
+
+impl Kind {
+    /// Whether the observer's bearing bias enters.
+    pub fn turns_with_bias(&self) -> bool {
+        matches!(self, Self::Bearing | Self::Tangent { .. } | Self::BodyPoint { .. } | Self::Heading)
+    }
+}
+
 impl Term {
+    /// The standardised residual with bias, time offset and the target's motion. The stamp is late by the observer's offset
+    /// τ, so a target is looked at where it was at t − τ.
+    pub fn row(&self, state: &State) -> Row {
+        let observer = state.poses[self.observer];
+        let (other, velocity) = match self.other {
+            Other::Robot(r) => (state.poses[r], [0.0; 2]),
+            Other::Target(t) => (state.points[t], [state.points[t][3], state.points[t][4]]),
+        };
+        let since_s = self.since_s - observer[4];
+        let there = [other[0] + velocity[0] * since_s, other[1] + velocity[1] * since_s, other[2]];
+        let p = self.predict([observer[0], observer[1], observer[2]], there);
+        let inverse = self.sigma.recip();
+        let bias = self.kind.turns_with_bias();
+        let is_angle = self.kind != Kind::Range;
+        let residual = if bias && is_angle { wrap(p.residual + observer[3]) } else { p.residual };
+        let moving = matches!(self.other, Other::Target(_));
+        let by_offset = if moving { -(p.other[0] * velocity[0] + p.other[1] * velocity[1]) } else { 0.0 };
+        let by_velocity = if moving { [p.other[0] * since_s, p.other[1] * since_s] } else { [0.0; 2] };
+        Row {
+            residual: residual * inverse,
+            observer: [p.observer[0], p.observer[1], p.observer[2], f64::from(u8::from(bias)), by_offset]
+                .map(|d| d * inverse),
+            other: [p.other[0], p.other[1], p.other[2], by_velocity[0], by_velocity[1]].map(|d| d * inverse),
+        }
+    }
+
     /// Predicts from the observer's pose and the other's pose (or point).
     pub fn predict(&self, observer: [f64; 3], other: [f64; 3]) -> Prediction {
         // The point that is looked at, and its derivative to the other's heading.
@@ -180,7 +227,7 @@ mod tests {
             Kind::Heading,
             Kind::Elevation { camera_m: 0.6 },
         ] {
-            let term = Term { observer: 0, other: Other::Robot(1), kind, measured: 0.1, sigma: 1.0 };
+            let term = Term { observer: 0, other: Other::Robot(1), kind, measured: 0.1, sigma: 1.0, since_s: 0.0 };
             let p = term.predict(observer, other);
             let h = 1e-6;
             for k in 0..3 {
@@ -194,6 +241,31 @@ mod tests {
                 b[k] -= h;
                 let d = (term.predict(observer, a).residual - term.predict(observer, b).residual) / (2.0 * h);
                 assert!((d - p.other[k]).abs() < 1e-7, "{kind:?} other {k}: {d} {}", p.other[k]);
+            }
+        }
+    }
+
+    #[test]
+    fn derivatives_to_bias_offset_and_velocity_agree_with_central_differences() {
+        let state = State { poses: vec![[0.2, -0.4, 0.7, 0.01, 0.05]], points: vec![[2.3, 1.6, 1.2, 0.8, -0.5]] };
+        for kind in [Kind::Bearing, Kind::Elevation { camera_m: 0.6 }] {
+            let term = Term { observer: 0, other: Other::Target(0), kind, measured: 0.1, sigma: 0.5, since_s: 0.3 };
+            let row = term.row(&state);
+            let h = 1e-6;
+            for k in 0..5 {
+                let at = |robot: bool, d: f64| {
+                    let mut moved = state.clone();
+                    if robot {
+                        moved.poses[0][k] += d;
+                    } else {
+                        moved.points[0][k] += d;
+                    }
+                    term.row(&moved).residual
+                };
+                for (robot, found) in [(true, row.observer[k]), (false, row.other[k])] {
+                    let d = (at(robot, h) - at(robot, -h)) / (2.0 * h);
+                    assert!((d - found).abs() < 1e-6, "{kind:?} {robot} {k}: {d} {found}");
+                }
             }
         }
     }

@@ -2,6 +2,9 @@ use serde_json::{Value, json};
 
 use super::*;
 
+mod bad_input;
+mod over_time;
+
 /// Robots at true poses; numbers straight from atan2 and asin.
 struct World {
     robots: Vec<(&'static str, [f64; 3])>,

@@ -1,9 +1,8 @@
 //! Numbers of a solution in words.
 
-use nalgebra::DVector;
-
 use super::input::Problem;
-use super::joint::{Joint, Layout, State};
+use super::joint::Joint;
+use super::layout::{Layout, State};
 use super::terms::{Kind, Other, Term};
 
 /// A direction that is scale to this cosine is called so.
@@ -11,79 +10,100 @@ const SCALE_COSINE: f64 = 0.95;
 
 /// What is known least, and how well it is known.
 pub fn weakest(joint: &Joint, layout: &Layout, problem: &Problem) -> String {
-    if joint.weakest.is_empty() {
+    let weakest = &joint.weakest;
+    if weakest.direction.is_empty() {
         return "nothing is unknown".to_owned();
     }
-    let known = |text: String, size: f64, unit: &str| {
-        if joint.weakest_sigma.is_finite() {
-            format!("{text} (sigma {:.4} {unit})", joint.weakest_sigma * size)
+    if is_scale(&weakest.direction, joint, layout) {
+        let scale = "scale of the layout: all distances together";
+        return if weakest.sigma.is_finite() {
+            format!("{scale} (sigma {:.4} m)", weakest.sigma)
         } else {
-            format!("{text} (not determined)")
-        }
-    };
-    if is_scale(joint, layout) {
-        return if joint.weakest_sigma.is_finite() {
-            format!("scale of the layout: all distances together (sigma {:.4} m)", joint.weakest_sigma)
-        } else {
-            "scale of the layout: all distances together (not determined)".to_owned()
+            format!("{scale} (not determined)")
         };
     }
-    let v = &joint.weakest;
-    let mut parts: Vec<(f64, String, f64, &str)> = Vec::new();
-    for (column, robot) in layout.robots.iter().zip(&problem.robots) {
-        if let Some(c) = *column {
-            let along = v[c + 1].atan2(v[c]).to_degrees().rem_euclid(180.0);
-            let size = v[c].hypot(v[c + 1]);
-            parts.push((size, format!("position of {} along {along:.0}°", robot.id), size, "m"));
-            let turn = v[c + 2].abs();
-            parts.push((turn, format!("heading of {}", robot.id), turn.to_degrees(), "°"));
-        }
+    let (text, size, unit) = largest(&weakest.direction, layout, problem);
+    if weakest.sigma.is_finite() {
+        format!("{text} (sigma {:.4} {unit})", weakest.sigma * size)
+    } else {
+        format!("{text} (not determined)")
     }
-    for ((column, height), id) in layout.targets.iter().zip(&layout.heights).zip(&problem.targets) {
-        if let Some(c) = *column {
-            let along = v[c + 1].atan2(v[c]).to_degrees().rem_euclid(180.0);
-            let size = v[c].hypot(v[c + 1]);
-            parts.push((size, format!("position of {id} along {along:.0}°"), size, "m"));
-        }
-        if let Some(c) = *height {
-            parts.push((v[c].abs(), format!("height of {id}"), v[c].abs(), "m"));
-        }
-    }
-    parts.sort_by(|a, b| b.0.total_cmp(&a.0));
-    parts.into_iter().next().map_or_else(String::new, |(_, text, size, unit)| known(text, size, unit))
 }
 
-/// Whether the weakest direction blows the layout up around its fixed part.
-fn is_scale(joint: &Joint, layout: &Layout) -> bool {
-    let mut scale = DVector::zeros(layout.unknowns);
-    let held = layout.robots.iter().zip(&joint.state.poses).find(|(c, _)| c.is_none()).map(|(_, p)| *p);
+/// Directions that nothing determines.
+pub fn undetermined(joint: &Joint, layout: &Layout, problem: &Problem) -> Vec<String> {
+    let all = joint.weakest.undetermined.iter();
+    all.map(|v| {
+        if is_scale(v, joint, layout) {
+            "scale of the layout: all distances together".to_owned()
+        } else {
+            largest(v, layout, problem).0
+        }
+    })
+    .collect()
+}
+
+/// The largest part of a direction: what it is, how large, in which unit.
+fn largest(v: &[f64], layout: &Layout, problem: &Problem) -> (String, f64, &'static str) {
+    let mut parts: Vec<(f64, String, f64, &'static str)> = Vec::new();
+    let at = |column: Option<usize>| column.map_or(0.0, |c| v[c]);
+    let mut place = |columns: &[Option<usize>; 5], id: &str| {
+        let (x, y) = (at(columns[0]), at(columns[1]));
+        let along = y.atan2(x).to_degrees().rem_euclid(180.0);
+        parts.push((x.hypot(y), format!("position of {id} along {along:.0}°"), x.hypot(y), "m"));
+    };
+    for (columns, robot) in layout.robots.iter().zip(&problem.robots) {
+        place(columns, &robot.id);
+    }
+    for (columns, id) in layout.targets.iter().zip(&problem.targets) {
+        place(columns, id);
+    }
+    for (columns, robot) in layout.robots.iter().zip(&problem.robots) {
+        let [turn, bias, offset] = [2, 3, 4].map(|k| at(columns[k]).abs());
+        parts.push((turn, format!("heading of {}", robot.id), turn.to_degrees(), "°"));
+        parts.push((bias, format!("bearing bias of {}", robot.id), bias.to_degrees(), "°"));
+        parts.push((offset, format!("time offset of {}", robot.id), offset, "s"));
+    }
+    for (columns, id) in layout.targets.iter().zip(&problem.targets) {
+        let [height, vx, vy] = [2, 3, 4].map(|k| at(columns[k]).abs());
+        parts.push((height, format!("height of {id}"), height, "m"));
+        parts.push((vx.hypot(vy), format!("velocity of {id}"), vx.hypot(vy), "m/s"));
+    }
+    let best = parts.into_iter().max_by(|a, b| a.0.total_cmp(&b.0));
+    best.map_or_else(|| (String::new(), 0.0, ""), |(_, text, size, unit)| (text, size, unit))
+}
+
+/// Whether a direction blows the layout up around its fixed part.
+fn is_scale(direction: &[f64], joint: &Joint, layout: &Layout) -> bool {
+    let held = layout.robots.iter().zip(&joint.state.poses).find(|(c, _)| c[0].is_none()).map(|(_, p)| *p);
     let Some(origin) = held else { return false };
-    for (column, pose) in layout.robots.iter().zip(&joint.state.poses) {
-        if let Some(c) = *column {
-            (scale[c], scale[c + 1]) = (pose[0] - origin[0], pose[1] - origin[1]);
+    let (mut dot, mut norm2, mut places) = (0.0, 0.0, 0);
+    let poses = layout.robots.iter().zip(&joint.state.poses);
+    let points = layout.targets.iter().zip(&joint.state.points);
+    for (columns, at) in poses.chain(points) {
+        for k in 0..2 {
+            if let Some(c) = columns[k] {
+                let away = at[k] - origin[k];
+                dot += away * direction[c];
+                norm2 += away * away;
+            }
         }
+        places += usize::from(columns[0].is_some());
     }
-    for (column, point) in layout.targets.iter().zip(&joint.state.points) {
-        if let Some(c) = *column {
-            (scale[c], scale[c + 1]) = (point[0] - origin[0], point[1] - origin[1]);
-        }
-    }
-    let unknown_places = layout.robots.iter().chain(&layout.targets).flatten().count();
-    unknown_places >= 2 && scale.norm() > 0.0 && (scale.dot(&joint.weakest) / scale.norm()).abs() > SCALE_COSINE
+    places >= 2 && norm2 > 0.0 && (dot / norm2.sqrt()).abs() > SCALE_COSINE
 }
 
 /// The measurement that fits worst.
 pub fn worst(terms: &[Term], state: &State, problem: &Problem) -> String {
-    let standardised = |t: &Term| {
-        let other = match t.other {
-            Other::Robot(r) => state.poses[r],
-            Other::Target(k) => state.points[k],
-        };
-        (t.predict(state.poses[t.observer], other).residual / t.sigma).abs()
-    };
-    let Some(term) = terms.iter().max_by(|a, b| standardised(a).total_cmp(&standardised(b))) else {
+    let residual = |t: &Term| t.row(state).residual;
+    let Some(term) = terms.iter().max_by(|a, b| residual(a).abs().total_cmp(&residual(b).abs())) else {
         return "nothing is measured".to_owned();
     };
+    format!("measurements contradict each other; {}", measurement(term, residual(term), problem))
+}
+
+/// A measurement and by how much it is off.
+pub fn measurement(term: &Term, residual: f64, problem: &Problem) -> String {
     let what = match term.kind {
         Kind::Bearing | Kind::Tangent { .. } | Kind::BodyPoint { .. } => "bearing",
         Kind::Range => "range",
@@ -95,9 +115,6 @@ pub fn worst(terms: &[Term], state: &State, problem: &Problem) -> String {
         Other::Robot(r) => &problem.robots[r].id,
         Other::Target(t) => &problem.targets[t],
     };
-    format!(
-        "measurements contradict each other; the {what} of {whom} from {} is off by {:.1} sigmas",
-        problem.robots[term.observer].id,
-        standardised(term)
-    )
+    let from = &problem.robots[term.observer].id;
+    format!("the {what} of {whom} from {from} is off by {:.1} sigmas", residual.abs())
 }

@@ -5,11 +5,11 @@ use protocol::angle::wrap;
 use protocol::frames::Pose2;
 use protocol::time::Timestamp;
 
-use super::{CHECK_INTERVAL_S, CONTRADICTIONS, Calibrator, FRESH_S, Fit, LEAST_COUNT, NAMING_INTERVAL_S, SETTLED_S};
+use super::{
+    CHECK_INTERVAL_S, CONTRADICTIONS, Calibrator, FRESH_S, Fit, GAUGE_VAR, LEAST_COUNT, NAMING_INTERVAL_S, SETTLED_S,
+};
 use crate::calibration::naming::{self, Known, Naming, View};
 
-/// Covariance of the gauge: given, not measured.
-const GAUGE_VAR: f64 = 1e-10;
 /// Covariance of a member that only its links determine (m², m², rad²).
 const WEAK: [f64; 3] = [100.0, 100.0, 9.0];
 /// Blocks of more members are solved at most this often, seconds.
