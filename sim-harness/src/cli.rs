@@ -2,7 +2,9 @@
 
 pub mod bandwidth;
 pub mod demo;
+pub mod efficiency;
 pub mod record;
+mod recorded_text;
 pub mod replay;
 pub mod run;
 pub mod seeds;

@@ -2,7 +2,9 @@
 
 pub mod bandwidth;
 pub mod cli;
+pub mod efficiency;
 pub mod network;
+pub mod recorded;
 pub mod render;
 pub mod replay;
 pub mod scenario;

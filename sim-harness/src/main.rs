@@ -3,7 +3,7 @@
 use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
-use sim_harness::cli::{bandwidth, demo, record, replay, run, zoo};
+use sim_harness::cli::{bandwidth, demo, efficiency, record, replay, run, zoo};
 
 #[derive(Debug, Parser)]
 #[command(
@@ -28,6 +28,8 @@ enum Command {
     Replay(replay::ReplayArgs),
     /// Bytes by message kind and robot: payload, on the wire, against raw and JPEG video
     Bandwidth(bandwidth::BandwidthArgs),
+    /// Mutual calibration and stereo against the Cramér–Rao bound, by Monte Carlo
+    Efficiency(efficiency::EfficiencyArgs),
     /// The same room through every camera, with its panorama
     Zoo(zoo::ZooArgs),
 }
@@ -47,6 +49,7 @@ fn main() -> ExitCode {
         Some(Command::Record(args)) => record::run(&args),
         Some(Command::Replay(args)) => replay::run(&args),
         Some(Command::Bandwidth(args)) => bandwidth::run(&args),
+        Some(Command::Efficiency(args)) => efficiency::run(&args),
         Some(Command::Zoo(args)) => zoo::run(&args),
     })
 }

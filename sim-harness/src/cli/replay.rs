@@ -1,12 +1,14 @@
-//! `sim-harness replay`: recordings again. `leader`: what a leader heard in a simulated run, to a leader of today.
+//! `sim-harness replay`: recordings again. `leader`: what a leader heard in a simulated run, to a leader of today; `cmc`,
+//! `mrclam`, `roh`: recordings made by others, against their truth.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use clap::{Args, Subcommand};
 
 use super::record::Format;
 use super::run::{exit_code, json, text};
-use super::table;
+use super::{recorded_text, table};
+use crate::recorded::{self, RecordedError};
 use crate::replay::Recording;
 use crate::score::Summary;
 use crate::team::{TeamError, output};
@@ -22,6 +24,21 @@ pub struct ReplayArgs {
 enum What {
     /// What the leader heard in `run --transport simulated --out DIR`, to a leader of today: maps and scores in a second
     Leader(LeaderArgs),
+    /// CMC: a detector's boxes of four fixed cameras, who is who unknown (GT_*, DET_*, cameras.json)
+    Cmc(SetArgs),
+    /// UTIAS MRCLAM: driving robots that see each other, with odometry (Barcodes.dat, RobotN_*.dat)
+    Mrclam(SetArgs),
+    /// Roh: bearings of four beacons at surveyed places (landmark.csv, (Xx,Yy).csv)
+    Roh(SetArgs),
+}
+
+#[derive(Debug, Clone, Args)]
+struct SetArgs {
+    /// The set's folder
+    dir: PathBuf,
+    /// How to report
+    #[arg(long, value_enum, default_value_t = Format::Text)]
+    format: Format,
 }
 
 #[derive(Debug, Clone, Args)]
@@ -40,16 +57,34 @@ struct LeaderArgs {
 /// Does it; gives the exit code.
 #[allow(clippy::print_stderr)]
 pub fn run(args: &ReplayArgs) -> u8 {
-    let What::Leader(args) = &args.what;
-    match leader(args) {
+    let (what, done) = match &args.what {
+        What::Leader(args) => ("leader", leader(args).map_err(|e| (exit_code(&e), e.to_string()))),
+        What::Cmc(args) => ("cmc", set(args, recorded::cmc::replay, recorded_text::cmc)),
+        What::Mrclam(args) => ("mrclam", set(args, recorded::mrclam::replay, recorded_text::mrclam)),
+        What::Roh(args) => ("roh", set(args, recorded::roh::replay, recorded_text::roh)),
+    };
+    match done {
         Ok(text) => {
             println!("{}", text.trim_end());
             0
         }
-        Err(error) => {
-            eprintln!("sim-harness replay leader: {error}");
-            exit_code(&error)
+        Err((code, error)) => {
+            eprintln!("sim-harness replay {what}: {error}");
+            code
         }
+    }
+}
+
+/// Replays a set of others and reports.
+fn set<R: serde::Serialize>(
+    args: &SetArgs,
+    replay: impl Fn(&Path) -> Result<R, RecordedError>,
+    text: impl Fn(&R) -> String,
+) -> Result<String, (u8, String)> {
+    let report = replay(&args.dir).map_err(|e| (2, e.to_string()))?;
+    match args.format {
+        Format::Json => serde_json::to_string_pretty(&report).map_err(|e| (1, e.to_string())),
+        Format::Text => Ok(text(&report)),
     }
 }
 
