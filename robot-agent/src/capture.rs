@@ -8,6 +8,7 @@
 //! Gray values: gray files as they are; colour images by Rec. 709 (0.2126 R + 0.7152 G + 0.0722 B); `.y4m` the luma plane
 //! as it is; other video as `ffmpeg` converts it to 8-bit gray.
 
+pub mod detections;
 mod ffmpeg;
 mod folder;
 mod picture_file;

@@ -20,11 +20,14 @@ mod gain;
 mod gate;
 mod ghost;
 mod halo;
+mod holes;
 pub mod kernel;
 mod own_motion;
 mod raster;
 mod regions;
 mod shadow;
+
+use std::ops::Range;
 
 use protocol::message::{AlarmKind, Motion};
 use protocol::time::Timestamp;
@@ -37,7 +40,7 @@ pub use regions::{MAX_RUNS, Region, group};
 
 use filter::Majority;
 use halo::Halo;
-use own_motion::OwnMotion;
+use own_motion::{Anchor, OwnMotion};
 use shadow::Shadow;
 
 /// Most objects of one frame; the smallest are left out.
@@ -185,24 +188,33 @@ pub struct MotionStage {
     settings: MotionSettings,
     valid: Vec<u8>,
     valid_count: usize,
+    /// Bands of rows (see `halo`) in which not every pixel is valid.
+    partly_valid: Vec<bool>,
     background: Background,
     own_motion: OwnMotion,
     majority: Majority,
     state: BackgroundState,
     motion: Motion,
     picture: Vec<u8>,
+    /// The frame before; empty before there was one.
+    before: Vec<u8>,
+    /// The frame that (6-1) compares with; empty before there was one.
     previous: Vec<u8>,
-    anchor: Vec<u8>,
+    /// The first frame, while the background is being built.
+    first: Vec<u8>,
     halo: Halo,
     shadow: Shadow,
     magnitude: Vec<u8>,
     faint: Vec<u8>,
     strong: Vec<u8>,
-    changed: Vec<u8>,
     mask: Vec<u8>,
     upright: Vec<u8>,
     low: Vec<u8>,
+    /// Threshold of (6-1) in this frame, grey levels.
+    gate_threshold: u8,
     how: Vec<u8>,
+    /// Frames learnt from: each learns its turn of the picture.
+    learnt: usize,
     /// When something last moved at a pixel, tenths of a second since `first_capture`.
     moved_ds: Vec<u32>,
     first_capture: Option<Timestamp>,
@@ -217,7 +229,6 @@ pub struct MotionStage {
     noise_sigma: f64,
     /// Picture / background, the light's common factor.
     gain: f64,
-    ratios: Vec<f32>,
     sensor_failed: bool,
 }
 
@@ -241,25 +252,31 @@ impl MotionStage {
         Ok(Self {
             raster,
             valid_count: kernel::count_ones(&valid),
-            background: Background::new(settings.background, n),
+            partly_valid: valid.chunks(halo::CELL * raster.width).map(|band| band.contains(&0)).collect(),
+            background: match settings.upright_row {
+                Some(_) => Background::new(settings.background, n).indoors(),
+                None => Background::new(settings.background, n),
+            },
             own_motion: OwnMotion::new(raster, valid.clone()),
             majority: Majority::new(raster, settings.window_reach.map(|r| r.clamp(1, 5)), &valid),
             valid,
             state: BackgroundState::Suspended,
             motion: Motion::Unknown,
             picture: vec![0; n],
+            before: Vec::new(),
             previous: Vec::new(),
-            anchor: Vec::new(),
+            first: Vec::new(),
             halo: Halo::new(raster),
             shadow: Shadow::new(raster),
             magnitude: vec![0; n],
             faint: vec![0; n],
             strong: vec![0; n],
-            changed: vec![0; n],
             mask: vec![0; n],
             upright: vec![0; n],
             low: vec![0; n],
+            gate_threshold: u8::MAX,
             how: vec![0; n],
+            learnt: 0,
             moved_ds: vec![0; n],
             first_capture: None,
             capture: Timestamp(0),
@@ -270,7 +287,6 @@ impl MotionStage {
             kept: Vec::new(),
             noise_sigma: 2.0,
             gain: 1.0,
-            ratios: Vec::new(),
             sensor_failed: false,
             settings,
         })
@@ -291,24 +307,22 @@ impl MotionStage {
             self.state = BackgroundState::Suspended;
             self.background.restart();
             self.own_motion.reset();
+            self.before.clear();
             self.previous.clear();
             self.motion = Motion::Unknown;
             return Ok(Change { motion: self.motion, background: self.state, alarm });
         }
         self.sensor_failed = false;
-        self.remember_previous(capture);
-        self.picture.copy_from_slice(picture);
+        self.take(picture, capture);
 
         let before = self.motion;
-        let mut relit = false;
-        if self.settings.own_motion {
-            let anchor = (!self.anchor.is_empty()).then_some(self.anchor.as_slice());
-            let (motion, comparison) = self.own_motion.step(picture, anchor, self.noise_sigma);
-            self.motion = motion;
-            relit = comparison.is_relit();
+        self.motion = if self.settings.own_motion {
+            let Self { own_motion, before, picture, background, first, state, noise_sigma, .. } = self;
+            let anchor = anchor(*state, background, first);
+            own_motion.step(picture, before, anchor, *noise_sigma, capture)
         } else {
-            self.motion = Motion::Standing;
-        }
+            Motion::Standing
+        };
         if self.motion != Motion::Standing {
             let alarm = (before == Motion::Standing).then_some(AlarmKind::SelfMotion);
             self.suspend();
@@ -321,8 +335,10 @@ impl MotionStage {
         if self.state == BackgroundState::Building {
             alarm = self.build(capture);
         } else {
-            self.mark();
-            if scene_changed(self.valid_count, kernel::count_ones(&self.strong)) {
+            let differing = self.mark();
+            if scene_changed(self.valid_count, differing) {
+                let anchor = anchor(self.state, &self.background, &self.first);
+                let relit = self.own_motion.is_relit(&self.picture, anchor, self.noise_sigma);
                 alarm = Some(if relit { AlarmKind::LightSwitched } else { AlarmKind::SceneChanged });
                 self.begin();
                 let _ = self.build(capture);
@@ -339,16 +355,22 @@ impl MotionStage {
             return;
         }
         let share_q8 = (self.settings.halo_share * 256.0).clamp(0.0, 255.0) as u8;
-        self.halo.trim(&self.magnitude, share_q8, &mut self.faint);
+        self.halo.trim(&self.magnitude, share_q8, self.settings.floor_levels[0] as u8, &mut self.faint);
         let Background { level, noise, .. } = &self.background;
         self.shadow.remove(&self.picture, level, noise, self.gain, &mut self.faint);
         self.majority.apply(&self.faint, &mut self.mask);
         let mut regions = self.group_bodies();
+        // Where people are known by their silhouettes those judge what is whole.
+        let whole = self.settings.upright_row.is_none();
+        if whole {
+            regions = regions.into_iter().map(|r| holes::filled(r, &self.raster)).collect();
+        }
         regions.retain(|r| {
             // A real body is clearly different somewhere.
             let strong = count_in(r, &self.strong, self.raster.width);
             r.area >= self.settings.min_area_px
                 && strong >= (r.area / 12).max(4)
+                && (!whole || holes::is_solid(r, &self.raster))
                 && !floor::is_soft_shadow(
                     r,
                     &self.picture,
@@ -362,7 +384,7 @@ impl MotionStage {
             regions.truncate(MAX_OBJECTS);
         }
         for region in regions {
-            let moves = region_moves(region.area, count_in(&region, &self.changed, self.raster.width));
+            let moves = region_moves(region.area, self.changed_in(&region));
             let steps = ghost::outline_steps(&region, &self.picture, &self.background.level, &self.raster);
             self.objects.push(Object { moves, ghost: steps.is_ghost(), region });
         }
@@ -387,17 +409,33 @@ impl MotionStage {
         if self.state != BackgroundState::Ready {
             return;
         }
-        self.how.fill(kernel::LEARN);
+        // A fast camera's pixels take turns, so that each is learnt about ten times a second.
+        let turns = ((0.1 / self.spacing_s).round() as usize).clamp(1, MAX_TURNS);
+        let turn = self.learnt % turns;
+        let rows = self.raster.height * turn / turns..self.raster.height * (turn + 1) / turns;
+        let pixels = rows.start * self.raster.width..rows.end * self.raster.width;
+        self.mark_permissions(holds, rows);
+        let rate = LearningRate::for_spacing(self.settings.rate_shift, self.spacing_s * turns as f64);
+        // Nearly all of the gain is the exposure's; the rest lets the background follow a light that stays.
+        let exposure_q15 = gain::inverse_q15(1.0 + 0.95 * (self.gain - 1.0));
+        self.background.learn(&self.picture, exposure_q15, &self.how, pixels, self.learnt / turns, rate);
+        self.learnt = self.learnt.wrapping_add(1);
+    }
+
+    /// How each pixel of some rows is learnt.
+    fn mark_permissions(&mut self, holds: &Holds, rows: Range<usize>) {
+        let width = self.raster.width;
+        self.how[rows.start * width..rows.end * width].fill(kernel::LEARN);
         let now_ds = self.decisecond();
         for object in &self.objects {
             let patch = Patch { arc: object.region.arc, rows: object.region.rows };
             if object.moves {
-                fill(&mut self.how, &patch, MARGIN, kernel::LEARN_SLOWLY, &self.raster);
-                fill(&mut self.moved_ds, &patch, MARGIN, now_ds, &self.raster);
+                fill(&mut self.how, &patch, MARGIN, &rows, kernel::LEARN_SLOWLY, &self.raster);
+                fill(&mut self.moved_ds, &patch, MARGIN, &(0..self.raster.height), now_ds, &self.raster);
             } else {
                 // Slowly at first: what has just stopped may go on.
-                for (row, start, len) in object.region.spans() {
-                    let i = row * self.raster.width + start;
+                for (row, start, len) in object.region.spans().filter(|(row, _, _)| rows.contains(row)) {
+                    let i = row * width + start;
                     for (how, moved) in self.how[i..i + len].iter_mut().zip(&self.moved_ds[i..i + len]) {
                         if now_ds.saturating_sub(*moved) < STILL_DS {
                             *how = kernel::LEARN_SLOWLY;
@@ -407,17 +445,42 @@ impl MotionStage {
             }
         }
         for patch in &holds.keep {
-            fill(&mut self.how, patch, MARGIN, kernel::KEEP, &self.raster);
+            fill(&mut self.how, patch, MARGIN, &rows, kernel::KEEP, &self.raster);
         }
         self.kept.clone_from(&holds.keep);
         for patch in &holds.release {
-            fill(&mut self.how, patch, MARGIN, kernel::LEARN, &self.raster);
+            fill(&mut self.how, patch, MARGIN, &rows, kernel::LEARN, &self.raster);
         }
-        let rate = LearningRate::for_spacing(self.settings.rate_shift, self.spacing_s);
-        // Nearly all of the gain is the exposure's; the rest lets the background follow a light that stays.
-        let exposure_q15 = gain::inverse_q15(1.0 + 0.95 * (self.gain - 1.0));
-        self.background.learn(&self.picture, exposure_q15, &self.how, rate);
-        round_levels(&self.background.level, &mut self.anchor);
+    }
+
+    /// Takes a picture with the boxes of somebody else's detector in place of what differs from the background: each is an object
+    /// that moves, all of its pixels are marked. Boxes outside the picture are left out.
+    ///
+    /// # Errors
+    /// A picture of another size; the state is unchanged.
+    pub fn take_boxes(
+        &mut self,
+        picture: &[u8],
+        capture: Timestamp,
+        boxes: &[[f64; 4]],
+    ) -> Result<Change, MotionError> {
+        if picture.len() != self.raster.len() {
+            return Err(MotionError::Length { what: "the picture", found: picture.len(), wanted: self.raster.len() });
+        }
+        self.take(picture, capture);
+        (self.state, self.motion) = (BackgroundState::Ready, Motion::Standing);
+        self.mask.fill(0);
+        self.magnitude.fill(0);
+        self.objects.clear();
+        for region in boxes.iter().take(MAX_OBJECTS).filter_map(|xywh| Region::of_box(*xywh, &self.raster)) {
+            for (row, start, len) in region.spans() {
+                let pixels = row * self.raster.width + start..row * self.raster.width + start + len;
+                self.mask[pixels.clone()].fill(1);
+                self.magnitude[pixels].fill(u8::MAX);
+            }
+            self.objects.push(Object { region, moves: true, ghost: false });
+        }
+        Ok(Change { motion: self.motion, background: self.state, alarm: None })
     }
 
     /// Start the background anew with the next frame, as on a command.
@@ -447,8 +510,17 @@ impl MotionStage {
         self.noise_sigma
     }
 
-    /// Keeps the frame that (6-1) compares with: at least `GATE_SPACING_S` old, so that a fast camera sees slow things move.
-    fn remember_previous(&mut self, capture: Timestamp) {
+    /// Bytes held for pictures and background; the same in every frame once the background is ready.
+    pub fn memory_bytes(&self) -> usize {
+        let bytes = [&self.valid, &self.picture, &self.before, &self.previous, &self.first, &self.magnitude];
+        let marks = [&self.faint, &self.strong, &self.mask, &self.upright, &self.low, &self.how];
+        let pictures: usize = bytes.into_iter().chain(marks).map(Vec::capacity).sum();
+        pictures + size_of_val(&*self.moved_ds) + self.background.memory_bytes() + self.majority.memory_bytes()
+    }
+
+    /// Takes a picture; keeps the one before and the one that (6-1) compares with: at least `GATE_SPACING_S` old, so that a fast
+    /// camera sees slow things move.
+    fn take(&mut self, picture: &[u8], capture: Timestamp) {
         let spacing_s = capture.seconds_since(self.capture);
         if self.first_capture.is_none() {
             self.first_capture = Some(capture);
@@ -462,8 +534,11 @@ impl MotionStage {
                 self.previous.extend_from_slice(&self.picture);
                 self.previous_capture = self.capture;
             }
+            std::mem::swap(&mut self.picture, &mut self.before);
         }
         self.capture = capture;
+        self.picture.clear();
+        self.picture.extend_from_slice(picture);
     }
 
     fn decisecond(&self) -> u32 {
@@ -474,7 +549,7 @@ impl MotionStage {
     fn suspend(&mut self) {
         self.state = BackgroundState::Suspended;
         self.background.restart();
-        self.anchor.clear();
+        self.first.clear();
         self.ghosts.clear();
     }
 
@@ -482,7 +557,7 @@ impl MotionStage {
         self.suspend();
         self.state = BackgroundState::Building;
         // Until there is a background, the first frame is what the robot must not leave.
-        self.anchor.extend_from_slice(&self.picture);
+        self.first.extend_from_slice(&self.picture);
     }
 
     fn build(&mut self, capture: Timestamp) -> Option<AlarmKind> {
@@ -490,37 +565,49 @@ impl MotionStage {
             return None;
         }
         self.state = BackgroundState::Ready;
-        round_levels(&self.background.level, &mut self.anchor);
         self.update_noise_sigma();
         self.mark();
         Some(AlarmKind::BackgroundReady)
     }
 
-    fn mark(&mut self) {
+    /// Marks what differs from the background; how many pixels do strongly.
+    fn mark(&mut self) -> usize {
         let [faint, strong] = self.settings.floor_levels.map(|f| (f * 256.0) as u16);
-        self.gain = gain::common_gain(&self.picture, &self.background.level, &self.valid, &mut self.ratios);
-        kernel::mark_changes(
-            &self.picture,
-            gain::inverse_q15(self.gain),
-            &self.background.level,
-            &self.background.noise,
-            &self.valid,
-            faint,
-            strong,
-            &mut self.magnitude,
-            &mut self.faint,
-            &mut self.strong,
-        );
+        let Background { level, noise, .. } = &self.background;
+        self.gain = gain::common_gain(&self.picture, level, &self.valid);
         let exposure_q15 = gain::inverse_q15(self.gain);
-        self.background.forgive_known(&self.picture, exposure_q15, &mut self.faint, &mut self.strong);
-        self.update_noise_sigma();
+        let mut differing = 0;
+        // In bands, so that what follows on a band finds it in the cache.
+        for band in 0..self.raster.height.div_ceil(halo::CELL) {
+            let first = band * halo::CELL * self.raster.width;
+            let pixels = first..(first + halo::CELL * self.raster.width).min(self.raster.len());
+            let magnitude = &mut self.magnitude[pixels.clone()];
+            let (faint_marks, strong_marks) = (&mut self.faint[pixels.clone()], &mut self.strong[pixels.clone()]);
+            kernel::mark_changes(
+                &self.picture[pixels.clone()],
+                exposure_q15,
+                &level[pixels.clone()],
+                &noise[pixels.clone()],
+                faint,
+                strong,
+                magnitude,
+                faint_marks,
+                strong_marks,
+            );
+            if self.partly_valid[band] {
+                kernel::keep_valid(&self.valid[pixels.clone()], faint_marks, strong_marks);
+            }
+            self.halo.note(band, magnitude);
+            self.background.forgive_known(&self.picture, exposure_q15, pixels, faint_marks, strong_marks);
+            differing += kernel::count_ones(strong_marks);
+        }
+        if self.learnt.is_multiple_of(NOISE_FRAMES) {
+            self.update_noise_sigma();
+        }
         // Noise of a difference of two frames is √2 that of one (T_D of §7.4).
         let threshold = (4.0 * std::f64::consts::SQRT_2 * self.noise_sigma).max(self.settings.floor_levels[1]);
-        if self.previous.len() == self.picture.len() {
-            kernel::mark_difference(&self.picture, &self.previous, threshold.min(255.0) as u8, &mut self.changed);
-        } else {
-            self.changed.fill(0);
-        }
+        self.gate_threshold = threshold.min(255.0) as u8;
+        differing
     }
 
     /// Median of the pixels' noise, from a sparse sample.
@@ -530,6 +617,20 @@ impl MotionStage {
         let middle = sample.len() / 2;
         let (_, median, _) = sample.select_nth_unstable(middle);
         self.noise_sigma = (f64::from(*median) / 256.0 * 1.2533).max(0.3);
+    }
+
+    /// Pixels of a region that differ from the frame before (6-1).
+    fn changed_in(&self, region: &Region) -> usize {
+        if self.previous.len() != self.picture.len() {
+            return 0;
+        }
+        region
+            .spans()
+            .map(|(row, start, len)| {
+                let i = row * self.raster.width + start;
+                kernel::count_differences(&self.picture[i..i + len], &self.previous[i..i + len], self.gate_threshold)
+            })
+            .sum()
     }
 
     /// Regions of the mask, fragments joined; what stands upright apart from what lies on the floor.
@@ -589,6 +690,10 @@ impl MotionStage {
     }
 }
 
+/// Most turns in which the pixels learn.
+const MAX_TURNS: usize = 8;
+/// Frames from one look at the noise of all pixels to the next.
+const NOISE_FRAMES: usize = 8;
 /// Pixels round an object that are not learnt: its blurred outline and its next step.
 const MARGIN: usize = 3;
 /// Least age of the frame for the change gate.
@@ -599,14 +704,24 @@ const STILL_DS: u32 = 20;
 const GHOST_FRAMES: u32 = 2;
 const FOLLOWED_GHOST_FRAMES: u32 = 10;
 
+/// What the robot must not leave: the background, or the first frame while that is being built.
+fn anchor<'a>(state: BackgroundState, background: &'a Background, first: &'a [u8]) -> Option<Anchor<'a>> {
+    match state {
+        BackgroundState::Ready => Some(Anchor::Background(&background.level)),
+        _ => (!first.is_empty()).then_some(Anchor::Picture(first)),
+    }
+}
+
 fn count_in(region: &Region, marks: &[u8], width: usize) -> usize {
     region.spans().map(|(row, start, len)| kernel::count_ones(&marks[row * width + start..][..len])).sum()
 }
 
-fn fill<T: Copy>(marks: &mut [T], patch: &Patch, margin: usize, value: T, raster: &Raster) {
+/// Sets the pixels of a patch, grown by a margin, in some rows.
+fn fill<T: Copy>(marks: &mut [T], patch: &Patch, margin: usize, rows: &Range<usize>, value: T, raster: &Raster) {
     let arc = patch.arc.grown(margin, raster);
     let first = arc.width.min(raster.width - arc.start);
-    for row in patch.rows[0].saturating_sub(margin)..(patch.rows[1] + margin + 1).min(raster.height) {
+    let last = (patch.rows[1] + margin + 1).min(rows.end);
+    for row in patch.rows[0].saturating_sub(margin).max(rows.start)..last {
         let row = &mut marks[row * raster.width..(row + 1) * raster.width];
         row[arc.start..arc.start + first].fill(value);
         row[..arc.width - first].fill(value);
@@ -620,18 +735,12 @@ fn similar(a: &Patch, b: &Patch, raster: &Raster) -> bool {
     10 * columns * rows > 7 * area(a).max(area(b))
 }
 
-fn round_levels(level: &[u16], out: &mut Vec<u8>) {
-    out.resize(level.len(), 0);
-    for (o, &b) in out.iter_mut().zip(level) {
-        *o = (b.saturating_add(128) >> 8) as u8;
-    }
-}
-
 /// All black or all white is no picture. Looks at a sparse sample.
 fn sensor_failure(picture: &[u8], valid: &[u8]) -> Option<&'static str> {
     let (mut n, mut dark, mut bright) = (0, 0, 0);
-    for (&p, &v) in picture.iter().zip(valid).step_by(17) {
-        if v != 0 {
+    for i in gain::sample(picture.len()).flatten() {
+        let p = picture[i];
+        if valid[i] != 0 {
             n += 1;
             dark += usize::from(p <= 2);
             bright += usize::from(p >= 253);

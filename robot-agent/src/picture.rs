@@ -74,10 +74,10 @@ impl Gallery {
         let visible: Vec<&TrackView> = tracks.iter().filter(|t| t.state == TrackState::Visible).collect();
         self.synopsis.record(&scene, &visible);
         for track in visible {
-            let portrait = Cutout::of(&scene, track.id, Patch { arc: track.arc, rows: track.rows });
+            let patch = Patch { arc: track.arc, rows: track.rows };
             match self.portraits.iter_mut().find(|p| p.track == track.id) {
-                Some(old) => *old = portrait,
-                None => self.portraits.push(portrait),
+                Some(portrait) => portrait.take(&scene, patch),
+                None => self.portraits.push(Cutout::of(&scene, track.id, patch)),
             }
         }
         if self.history.len() == TRACK_FRAMES {

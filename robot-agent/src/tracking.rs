@@ -17,6 +17,7 @@ mod group;
 mod histogram;
 mod looks;
 mod lost;
+mod pairs;
 mod people;
 mod range;
 #[cfg(test)]
@@ -86,7 +87,7 @@ pub struct TrackView {
     pub state: TrackState,
     /// What it is.
     pub class: ObjectClass,
-    /// Columns of its box; of its group while merged.
+    /// Columns of its box; its own place in a group.
     pub arc: Arc,
     /// First and last row of the box.
     pub rows: [usize; 2],
@@ -134,6 +135,8 @@ const LEAST_SUPPORT_OF_FEET: f64 = 0.7;
 /// A figure that has not moved for so long stands and is kept out of the background, seconds; where people walk, the
 /// background may go on to learn between them.
 const STANDS_S: f64 = 0.3;
+/// Of a body's box: the least that may be all that is seen of it.
+const LEAST_SHARE: f64 = 0.15;
 /// A track that has never come anywhere and does not move is none after so long, seconds.
 const STUCK_S: f64 = 2.0;
 
@@ -178,9 +181,67 @@ impl Tracker {
         self.update_holds(capture);
     }
 
+    /// A frame whose objects are somebody else's detections: each is one body whole, and nothing is joined or taken apart.
+    pub fn step_detections(&mut self, scene: &Scene<'_>, capture: Timestamp) {
+        let dt_s = self.last.map_or(0.0, |last| capture.seconds_since(last)).clamp(0.0, 2.0);
+        self.last = Some(capture);
+        for track in &mut self.tracks {
+            track.predict(dt_s, &self.raster);
+        }
+        let bodies: Vec<Body> = scene.objects.iter().map(|o| Body::of_box(&o.region, scene)).collect();
+        let looks: Vec<Histogram> = scene.objects.iter().map(|o| Histogram::of(&o.region, scene)).collect();
+        let mut members = vec![Vec::new(); bodies.len()];
+        // A detector's boxes are where people are: to a pixel and a part of their size.
+        let sigmas = ShapeSigmas { x: 1.0, y: 1.0, ..self.settings.sigmas };
+        // Who was seen last comes first: a new track must not take an old one's place.
+        let (now, before): (Vec<usize>, Vec<usize>) = (0..self.tracks.len()).partition(|&t| self.tracks[t].misses == 0);
+        let mut seen = vec![false; self.tracks.len()];
+        for group in [now, before] {
+            let free: Vec<usize> = (0..bodies.len()).filter(|&o| members[o].is_empty()).collect();
+            let some_bodies: Vec<Body> = free.iter().map(|&o| bodies[o].clone()).collect();
+            let some_looks: Vec<Histogram> = free.iter().map(|&o| looks[o].clone()).collect();
+            let mut some = vec![Vec::new(); free.len()];
+            self.match_tracks(&group, &some_bodies, &some_looks, &sigmas, &mut some);
+            for (&object, found) in free.iter().zip(some) {
+                members[object] = found;
+            }
+        }
+        self.areas.clear();
+        for (o, members) in members.iter().enumerate() {
+            let area = scene.objects[o].region.area;
+            match members[..] {
+                [t, ..] => {
+                    seen[t] = true;
+                    self.areas.push((self.tracks[t].id, area));
+                    self.tracks[t].see(&bodies[o], &looks[o], true, capture, &self.raster);
+                }
+                [] => self.give_birth(&bodies[o], &looks[o], area, capture),
+            }
+        }
+        for (track, seen) in self.tracks.iter_mut().zip(seen) {
+            if !seen {
+                track.miss();
+            }
+        }
+        self.measure_extents(scene, &[], capture);
+        // A detector is believed at once.
+        for track in &mut self.tracks {
+            track.confirmed = true;
+            track.travelled = track.travelled.max(track.shape.w + 1.0);
+        }
+        self.end_tracks(capture);
+    }
+
     /// A frame in which objects are what their regions are.
     fn step_regions(&mut self, scene: &Scene<'_>, capture: Timestamp) {
-        let objects = self.usable_objects(scene);
+        let objects: Vec<Object> = self
+            .usable_objects(scene)
+            .into_iter()
+            .flat_map(|o| {
+                let bodies = pairs::bodies(&o.region, &self.raster).into_iter();
+                bodies.map(|region| Object { region, moves: o.moves, ghost: o.ghost })
+            })
+            .collect();
         let mut regions: Vec<Region> = objects.iter().map(|o| o.region.clone()).collect();
         let mut bodies: Vec<Body> = regions.iter().map(|r| Body::measure(r, scene)).collect();
         let looks: Vec<Histogram> = regions.iter().map(|r| Histogram::of(r, scene)).collect();
@@ -311,7 +372,7 @@ impl Tracker {
     fn assign_objects(&self, bodies: &[Body], looks: &[Histogram]) -> Assignment {
         let mut members: Vec<Vec<usize>> = vec![Vec::new(); bodies.len()];
         let sure: Vec<usize> = (0..self.tracks.len()).filter(|&t| self.tracks[t].confirmed).collect();
-        let mut alone = self.match_tracks(&sure, bodies, looks, &mut members);
+        let mut alone = self.match_tracks(&sure, bodies, looks, &self.settings.sigmas, &mut members);
         // Whoever found no object of its own may be in one with somebody else, or have changed its shape.
         for t in alone.drain(..) {
             let track = &self.tracks[t];
@@ -321,7 +382,11 @@ impl Tracker {
             let arc = track.predicted_arc(&self.raster);
             let share = |b: &Body| {
                 let rows = (b.rows[1].min(track.rows[1]) + 1).saturating_sub(b.rows[0].max(track.rows[0]));
-                if rows == 0 { 0.0 } else { arc.overlap(&b.arc, &self.raster) as f64 / arc.width as f64 }
+                // A scrap where somebody was is not somebody.
+                let size = |w: f64, h: f64| w * h;
+                let found = shape_of(b);
+                let scrap = size(found.w, found.h) < LEAST_SHARE * size(track.shape.w, track.shape.h);
+                if rows == 0 || scrap { 0.0 } else { arc.overlap(&b.arc, &self.raster) as f64 / arc.width as f64 }
             };
             let best = (0..bodies.len()).map(|o| (o, share(&bodies[o]))).max_by(|a, b| a.1.total_cmp(&b.1));
             if let Some((object, share)) = best
@@ -336,7 +401,7 @@ impl Tracker {
         let some_bodies: Vec<Body> = free.iter().map(|&o| bodies[o].clone()).collect();
         let some_looks: Vec<Histogram> = free.iter().map(|&o| looks[o].clone()).collect();
         let mut some_members = vec![Vec::new(); free.len()];
-        self.match_tracks(&candidates, &some_bodies, &some_looks, &mut some_members);
+        self.match_tracks(&candidates, &some_bodies, &some_looks, &self.settings.sigmas, &mut some_members);
         for (&object, found) in free.iter().zip(some_members) {
             members[object] = found;
         }
@@ -352,6 +417,7 @@ impl Tracker {
         tracks: &[usize],
         bodies: &[Body],
         looks: &[Histogram],
+        base: &ShapeSigmas,
         members: &mut [Vec<usize>],
     ) -> Vec<usize> {
         let costs: Vec<Vec<f64>> = tracks
@@ -359,12 +425,12 @@ impl Tracker {
             .map(|&t| {
                 let track = &self.tracks[t];
                 let parted = track.merged_since.is_some() || track.state == TrackState::Hidden;
-                let base = &self.settings.sigmas;
                 let shape = track.predicted_shape();
                 let unsure = if track.merged_since.is_some() { 0.35 * track.group_width } else { 0.0 };
                 let sigmas = ShapeSigmas {
-                    x: base.x.max(0.25 * shape.w).hypot(track.filter.sigma()).hypot(unsure),
-                    y: base.y.max(0.12 * shape.h),
+                    // Small things are not taken for each other across several times their size.
+                    x: base.x.min(0.5 * shape.w + 1.0).max(0.25 * shape.w).hypot(track.filter.sigma()).hypot(unsure),
+                    y: base.y.min(0.25 * shape.h + 1.0).max(0.12 * shape.h),
                     ..*base
                 };
                 bodies
@@ -493,6 +559,7 @@ impl Tracker {
             }
             // Ghosts and flicker stay where they are born; people do not.
             let comes = track.moving_hits >= self.settings.confirm_hits || track.looks.in_doubt() && track.has_come();
+            let comes = comes && (self.figures.is_some() || track.goes_somewhere());
             if !track.confirmed && track.hits >= self.settings.confirm_hits && comes {
                 track.confirmed = true;
                 track.turning_point = Some(now);
@@ -506,9 +573,12 @@ impl Tracker {
 
     fn end_tracks(&mut self, now: Timestamp) {
         let TrackerSettings { hidden_s, unsupported_s, .. } = self.settings;
+        let raster = self.raster;
         self.keep_tracks(|t| {
             if t.confirmed {
-                now.seconds_since(t.seen) <= hidden_s
+                let left = t.misses > 0 && t.has_left(&raster);
+                !left
+                    && now.seconds_since(t.seen) <= hidden_s
                     && now.seconds_since(t.supported) <= if t.has_come() { unsupported_s } else { 0.5 }
                     && (t.has_come() || now.seconds_since(t.moved) <= STUCK_S)
             } else {

@@ -1,12 +1,14 @@
 //! The subcommands of the program, one a file: arguments and what they do.
 
 pub mod bandwidth;
+pub mod bench;
 pub mod demo;
 pub mod efficiency;
 pub mod record;
 mod recorded_text;
 pub mod replay;
 pub mod run;
+pub mod score;
 pub mod seeds;
 pub mod table;
 pub mod zoo;

@@ -1,6 +1,7 @@
 #![doc = include_str!("../README.md")]
 
 pub mod bandwidth;
+pub mod bench;
 pub mod cli;
 pub mod efficiency;
 pub mod network;

@@ -3,7 +3,7 @@
 use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
-use sim_harness::cli::{bandwidth, demo, efficiency, record, replay, run, zoo};
+use sim_harness::cli::{bandwidth, bench, demo, efficiency, record, replay, run, score, zoo};
 
 #[derive(Debug, Parser)]
 #[command(
@@ -30,6 +30,10 @@ enum Command {
     Bandwidth(bandwidth::BandwidthArgs),
     /// Mutual calibration and stereo against the Cramér–Rao bound, by Monte Carlo
     Efficiency(efficiency::EfficiencyArgs),
+    /// Masks and tracks against truth: F, recall, precision; MOTA, IDF1, identity switches
+    Score(score::ScoreArgs),
+    /// How long the agent's whole frame takes, stage by stage
+    Bench(bench::BenchArgs),
     /// The same room through every camera, with its panorama
     Zoo(zoo::ZooArgs),
 }
@@ -50,6 +54,8 @@ fn main() -> ExitCode {
         Some(Command::Replay(args)) => replay::run(&args),
         Some(Command::Bandwidth(args)) => bandwidth::run(&args),
         Some(Command::Efficiency(args)) => efficiency::run(&args),
+        Some(Command::Score(args)) => score::run(&args),
+        Some(Command::Bench(args)) => bench::run(&args),
         Some(Command::Zoo(args)) => zoo::run(&args),
     })
 }

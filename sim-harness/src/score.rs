@@ -13,7 +13,9 @@
 //!   sample each 2 s; of targets: (x, y) with the whole covariance own + J · joint · Jᵀ, all matched targets each 2 s.
 
 pub mod assignment;
+pub mod cdnet;
 pub mod identity;
+pub mod mot;
 pub mod nees;
 pub mod scores;
 pub mod statistics;

@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 use indicatif::{ProgressBar, ProgressStyle};
 use protocol::message::{ElevationEnd, TrackState};
 use robot_agent::agent::Frame;
+use robot_agent::capture::detections::Detections;
 use robot_agent::motion::{BackgroundState, Change, MotionSettings, MotionStage, Raster};
 use robot_agent::optics::MountedCamera;
 use robot_agent::panorama::{Lut, PanoramaGeometry};
@@ -37,6 +38,13 @@ pub(super) struct Arguments {
     /// The camera is on a robot that may drive (a panoramic one is taken to be).
     #[arg(long)]
     may_drive: bool,
+    /// Boxes of somebody else's detector instead of our motion stage, in MOT format (frame,id,left,top,width,height; frames from
+    /// 1), in pixels of the picture that is tested: the panorama, or the pinhole's own.
+    #[arg(long, value_name = "FILE", conflicts_with = "markers")]
+    detections: Option<PathBuf>,
+    /// Multiplies the sides of --detections, where they were made on a picture of another size.
+    #[arg(long, value_name = "FACTOR", default_value_t = 1.0, requires = "detections")]
+    detections_scale: f64,
     /// What fellow robots wear (see `peers`): they are found and never taken for people. For panoramas.
     #[arg(long, value_name = "FILE")]
     markers: Option<PathBuf>,
@@ -48,6 +56,9 @@ pub(super) fn execute(arguments: &Arguments) -> Result<(), Failure> {
     let camera = MountedCamera::load(&arguments.camera).map_err(Failure::usage)?;
     let mut source = open_frames(&arguments.input, &camera, arguments.frame_rate_hz)?;
     let mut pipeline = Offline::new(camera, arguments.may_drive, arguments.markers.as_deref())?;
+    if let Some(path) = &arguments.detections {
+        pipeline.detections = Some(read_detections(path, arguments.detections_scale, &pipeline.raster)?);
+    }
     if let Some(dir) = &arguments.out {
         create_folder(&dir.join("mask"))?;
         create_folder(&dir.join("panorama"))?;
@@ -55,7 +66,7 @@ pub(super) fn execute(arguments: &Arguments) -> Result<(), Failure> {
     let progress = progress_bar(source.frames());
     print_lines(&arguments.input, source.as_mut(), "objects", |index, time_s, frame| {
         progress.inc(1);
-        let change = pipeline.step(frame)?;
+        let change = pipeline.step(index, frame)?;
         if let Some(dir) = &arguments.out {
             pipeline.write_pictures(dir, index, arguments.every.max(1))?;
         }
@@ -78,6 +89,7 @@ struct Offline {
     tracker: Tracker,
     gallery: Gallery,
     peers: Option<PeerDetector>,
+    detections: Option<Detections>,
     /// Of the frame before, as in the agent.
     peer_bearings: Vec<PeerBearing>,
     tested: Vec<u8>,
@@ -121,6 +133,7 @@ impl Offline {
             tracker: Tracker::new(raster, view, TrackerSettings::default()),
             gallery: Gallery::new(raster),
             peers,
+            detections: None,
             peer_bearings: Vec::new(),
             tested: vec![0; raster.len()],
             last_frame: Vec::new(),
@@ -128,12 +141,20 @@ impl Offline {
         })
     }
 
-    fn step(&mut self, frame: &Frame) -> Result<Change, Failure> {
+    fn step(&mut self, index: u64, frame: &Frame) -> Result<Change, Failure> {
         match &self.lut {
             Some(lut) => lut.unwarp(&frame.gray, &mut self.tested).map_err(Failure::job)?,
             None => self.tested.clone_from(&frame.gray),
         }
         self.last_frame.clone_from(&frame.gray);
+        if let Some(detections) = &self.detections {
+            let boxes = detections.of_frame(index);
+            let change = self.motion.take_boxes(&self.tested, frame.capture, boxes).map_err(Failure::job)?;
+            self.tracker.step_detections(&self.motion.scene(), frame.capture);
+            self.tracks = self.tracker.tracks();
+            self.gallery.record(&self.motion, &self.tracks);
+            return Ok(change);
+        }
         let change = self.motion.change(&self.tested, frame.capture).map_err(Failure::job)?;
         self.motion.extract();
         if change.background == BackgroundState::Ready {
@@ -195,6 +216,27 @@ impl Offline {
         }
         Ok(())
     }
+}
+
+fn read_detections(path: &Path, scale: f64, raster: &Raster) -> Result<Detections, Failure> {
+    if !(scale > 0.0 && scale.is_finite()) {
+        return Err(Failure::usage(format!("--detections-scale {scale}: a positive number was expected")));
+    }
+    let detections = Detections::read(path, scale).map_err(Failure::usage)?;
+    if let Some(problem) = &detections.first_problem {
+        tracing::warn!("{}: {} lines skipped, the first is {problem}", path.display(), detections.skipped);
+    }
+    let (width, height) = (raster.width as f64, raster.height as f64);
+    let share = detections.share_inside(width, height);
+    if share < 0.9 {
+        return Err(Failure::usage(format!(
+            "{}: {:.0} % of the boxes lie outside the picture of {width} x {height} pixels; were they made on one of another size \
+             (--detections-scale)?",
+            path.display(),
+            100.0 * (1.0 - share)
+        )));
+    }
+    Ok(detections)
 }
 
 fn no_grid(path: &Path) -> Failure {

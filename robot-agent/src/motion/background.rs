@@ -15,6 +15,8 @@
 //! The noise estimate is a running mean of |C − B| outside objects, so thresholds follow the camera, its gain, flickering
 //! lamps and vibrating edges, pixel by pixel.
 
+use std::ops::Range;
+
 use protocol::time::Timestamp;
 
 use super::kernel;
@@ -49,11 +51,15 @@ pub struct Background {
     pub(super) level: Vec<u16>,
     /// Mean absolute deviation of the picture from `level` where nothing moves.
     pub(super) noise: Vec<u16>,
+    /// Where `noise` saturates.
+    most_noise: u16,
     /// Second look of each pixel; empty but in the live mode.
     second: Vec<u16>,
     seen: Vec<u8>,
     seen_second: Vec<u8>,
     second_is_known: Vec<u8>,
+    /// Whether any second look may be known.
+    any_known: bool,
     /// Frames collected for the median; empty once it is there.
     stack: Vec<Vec<u8>>,
     arrived: usize,
@@ -70,10 +76,12 @@ impl Background {
             mode,
             level: vec![0; len],
             noise: vec![0; len],
+            most_noise: kernel::NOISE_MAX,
             second: vec![0; looks],
             seen: vec![0; looks],
             seen_second: vec![0; looks],
             second_is_known: vec![0; looks],
+            any_known: false,
             stack: Vec::new(),
             arrived: 0,
             first_capture: Timestamp(0),
@@ -82,14 +90,30 @@ impl Background {
         }
     }
 
+    /// The same, indoors: nothing there is as restless as leaves in the wind, and clothes like the wall are not to be missed.
+    pub fn indoors(mut self) -> Self {
+        self.most_noise = kernel::INDOOR_NOISE_MAX;
+        self
+    }
+
     /// Whether it can be subtracted.
     pub fn is_ready(&self) -> bool {
         self.ready
     }
 
+    /// Bytes held.
+    pub(super) fn memory_bytes(&self) -> usize {
+        let wide = [&self.level, &self.noise, &self.second].map(|v| size_of_val(&**v));
+        let narrow = [&self.seen, &self.seen_second, &self.second_is_known].map(Vec::len);
+        let stack: usize = self.stack.iter().map(Vec::len).sum();
+        wide.iter().sum::<usize>() + narrow.iter().sum::<usize>() + stack
+    }
+
     /// Grey levels, rounded.
     pub fn levels(&self) -> Vec<u8> {
-        self.level.iter().map(|&b| ((u32::from(b) + 128) >> 8).min(255) as u8).collect()
+        let mut levels = vec![0; self.level.len()];
+        kernel::round_levels(&self.level, &mut levels);
+        levels
     }
 
     /// Forget everything; the next frame is the first.
@@ -149,50 +173,66 @@ impl Background {
             // together, for a pixel that happened to be quiet would be loud later. Walkers must not raise it.
             let own = self.stack.iter().map(|f| f32::from(f[i])).sum::<f32>() / n as f32;
             let blended = (0.5 * (pooled + own)).clamp(pooled, 3.0 * pooled);
-            *noise = ((blended * 256.0) as u16).min(kernel::NOISE_MAX);
+            *noise = ((blended * 256.0) as u16).min(self.most_noise);
         }
         self.stack.clear();
         self.seen.fill(BOOTSTRAP_SEEN);
         self.seen_second.fill(0);
         self.second_is_known.fill(0);
+        self.any_known = false;
         self.ready = true;
     }
 
-    /// The running average outside objects; nothing in permanent mode. `how`: see [`kernel::learn`].
-    pub fn learn(&mut self, picture: &[u8], exposure_q15: u16, how: &[u8], rate: LearningRate) {
+    /// The running average outside objects of some pixels; nothing in permanent mode. `how`: see [`kernel::learn`]; `round`
+    /// counts how often all pixels had their turn.
+    pub fn learn(
+        &mut self,
+        picture: &[u8],
+        exposure_q15: u16,
+        how: &[u8],
+        pixels: Range<usize>,
+        round: usize,
+        rate: LearningRate,
+    ) {
         if self.ready && !matches!(self.mode, BackgroundMode::Permanent { .. }) {
             let LearningRate { shift, small_step } = rate;
-            kernel::learn(picture, exposure_q15, how, shift, shift + 1, small_step, &mut self.level, &mut self.noise);
+            let (level, noise) = (&mut self.level[pixels.clone()], &mut self.noise[pixels.clone()]);
+            let (picture, how) = (&picture[pixels.clone()], &how[pixels.clone()]);
+            kernel::learn(picture, exposure_q15, how, shift, shift + 1, small_step, self.most_noise, level, noise);
         }
         if self.ready && !self.second.is_empty() {
-            // Half of the picture a frame, for the processor's sake. Where somebody is followed time goes slower: whoever
+            // Half of them a round, for the processor's sake. Where somebody is followed time goes slower: whoever
             // stops stays an object, a ghost that is taken for somebody still goes.
-            self.arrived += 1;
-            let also_kept = (self.arrived / 2).is_multiple_of(KEPT_SLOWNESS);
-            let middle = picture.len() / 2;
-            let half = if self.arrived.is_multiple_of(2) { 0..middle } else { middle..picture.len() };
-            kernel::count_looks(
-                &picture[half.clone()],
-                exposure_q15,
-                &how[half.clone()],
-                &self.noise[half.clone()],
-                also_kept,
-                MOST_SEEN,
-                LEAD,
-                &mut self.level[half.clone()],
-                &mut self.second[half.clone()],
-                &mut self.seen[half.clone()],
-                &mut self.seen_second[half.clone()],
-                &mut self.second_is_known[half],
-            );
+            let also_kept = (round / 2).is_multiple_of(KEPT_SLOWNESS);
+            let middle = usize::midpoint(pixels.start, pixels.end);
+            let half = if round.is_multiple_of(2) { pixels.start..middle } else { middle..pixels.end };
+            let mut looks = kernel::Looks {
+                level: &mut self.level[half.clone()],
+                second: &mut self.second[half.clone()],
+                seen: &mut self.seen[half.clone()],
+                seen_second: &mut self.seen_second[half.clone()],
+                second_is_known: &mut self.second_is_known[half.clone()],
+            };
+            let (picture, how, noise) = (&picture[half.clone()], &how[half.clone()], &self.noise[half]);
+            self.any_known |=
+                kernel::count_looks(picture, exposure_q15, how, noise, also_kept, MOST_SEEN, LEAD, &mut looks);
         }
     }
 
     /// Takes away marks where the picture shows what was the background before.
-    pub(super) fn forgive_known(&self, picture: &[u8], exposure_q15: u16, faint: &mut [u8], strong: &mut [u8]) {
-        if !self.second.is_empty() {
-            let layers = kernel::Layers { second: &self.second, second_is_known: &self.second_is_known };
-            kernel::forgive_known(picture, exposure_q15, &self.noise, layers, faint, strong);
+    /// `faint` and `strong` are those of `pixels`.
+    pub(super) fn forgive_known(
+        &self,
+        picture: &[u8],
+        exposure_q15: u16,
+        pixels: Range<usize>,
+        faint: &mut [u8],
+        strong: &mut [u8],
+    ) {
+        if self.any_known {
+            let second = &self.second[pixels.clone()];
+            let layers = kernel::Layers { second, second_is_known: &self.second_is_known[pixels.clone()] };
+            kernel::forgive_known(&picture[pixels.clone()], exposure_q15, &self.noise[pixels], layers, faint, strong);
         }
     }
 
@@ -289,7 +329,8 @@ mod tests {
         let mut background = Background::new(BackgroundMode::Instantaneous, 2);
         background.collect(&[100, 100], at(0.0));
         for want in golden["outputs"].as_array().unwrap() {
-            background.learn(&[140, 140], 32768, &[kernel::LEARN, kernel::KEEP], LearningRate::for_spacing(4, 0.1));
+            let how = [kernel::LEARN, kernel::KEEP];
+            background.learn(&[140, 140], 32768, &how, 0..2, 0, LearningRate::for_spacing(4, 0.1));
             assert_eq!(u64::from(background.level[0]), want.as_u64().unwrap());
             assert_eq!(background.level[1], 25600, "object pixels are not learnt");
         }

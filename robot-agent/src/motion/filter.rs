@@ -15,6 +15,8 @@ pub(crate) struct Majority {
     reach: [usize; 2],
     /// Least number of marks in the window of each pixel: half of the window's valid pixels, rounded up.
     need: Vec<u8>,
+    /// Of each row, where it is the same in all columns.
+    alike: Vec<Option<u8>>,
     sums: Vec<u8>,
     padded: Vec<u8>,
     zeros: Vec<u8>,
@@ -27,6 +29,7 @@ impl Majority {
             raster,
             reach,
             need: vec![0; raster.len()],
+            alike: Vec::new(),
             sums: vec![0; raster.width],
             padded: vec![0; raster.width + 2 * reach[0]],
             zeros: vec![0; raster.width],
@@ -47,7 +50,14 @@ impl Majority {
                 majority.need[y * raster.width + x] = (count / 2 + 1) as u8;
             }
         }
+        let rows = majority.need.chunks_exact(raster.width);
+        majority.alike = rows.map(|row| row.iter().all(|n| *n == row[0]).then_some(row[0])).collect();
         majority
+    }
+
+    /// Bytes held.
+    pub(crate) fn memory_bytes(&self) -> usize {
+        self.need.len() + size_of_val(&*self.alike) + self.sums.len() + self.padded.len() + self.zeros.len()
     }
 
     /// `out` = 1 where more than half of the window's valid pixels are marked.
@@ -69,7 +79,10 @@ impl Majority {
                 self.padded[rx + width..].copy_from_slice(&self.sums[..rx]);
             }
             let range = y * width..(y + 1) * width;
-            kernel::threshold_row_sums(&self.padded, rx, &self.need[range.clone()], &mut out[range]);
+            match self.alike[y] {
+                Some(need) => kernel::threshold_row_sums_alike(&self.padded, rx, need, &mut out[range]),
+                None => kernel::threshold_row_sums(&self.padded, rx, &self.need[range.clone()], &mut out[range]),
+            }
         }
     }
 }

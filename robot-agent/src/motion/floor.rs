@@ -5,6 +5,7 @@
 //! touch, are shadows or low things, and low things that are only darker than the floor are shadows. People
 //! throw shadows on walls, too, shaped like people; those show the wall's own texture.
 
+use super::kernel;
 use super::raster::Raster;
 use super::regions::Region;
 
@@ -48,18 +49,13 @@ pub(super) fn split(mask: &[u8], row: usize, raster: &Raster, upright: &mut [u8]
 
 /// Whether a region is only darker, by less than half, nearly everywhere.
 pub(super) fn is_darker(region: &Region, picture: &[u8], background: &[u16], raster: &Raster) -> bool {
-    let mut darker = 0;
-    for (row, start, len) in region.spans() {
-        let range = row * raster.width + start..row * raster.width + start + len;
-        darker += picture[range.clone()]
-            .iter()
-            .zip(&background[range])
-            .filter(|(p, b)| {
-                let (p, b) = (u32::from(**p) << 8, u32::from(**b));
-                p < b && 2 * p > b
-            })
-            .count();
-    }
+    let darker: usize = region
+        .spans()
+        .map(|(row, start, len)| {
+            let range = row * raster.width + start..row * raster.width + start + len;
+            kernel::count_darker(&picture[range.clone()], &background[range])
+        })
+        .sum();
     10 * darker > 8 * region.area
 }
 

@@ -3,28 +3,51 @@
 //! The median of C/B over a sparse sample is that ratio as long as objects cover less than half of the picture; dividing
 //! it out keeps a camera that re-exposes for a passing truck from seeing objects everywhere.
 
+use std::ops::Range;
+
 /// Largest correction, as a factor up or down; what is beyond is an event, not exposure.
 const LIMIT: f64 = 1.3;
-/// Sampled pixels: every so many, coprime to usual widths.
-const STRIDE: usize = 61;
+/// The sample: so many runs of so many pixels. Runs are cheap to read, and many enough to be everywhere.
+const RUNS: usize = 128;
+const RUN: usize = 16;
 /// Darker pixels carry no ratio.
 const MIN_LEVEL: u16 = 24 << 8;
+/// Bins of the ratios' histogram for a ratio of 1; it reaches to 2.
+const BINS: usize = 1024;
+
+/// A sparse sample of `len` pixels.
+pub(super) fn sample(len: usize) -> impl Iterator<Item = Range<usize>> {
+    // An odd step wanders through the columns.
+    let step = (len / RUNS).max(RUN) | 1;
+    (0..len).step_by(step).map(move |start| start..(start + RUN).min(len))
+}
 
 /// Median of picture / background; 1 where nothing can be said. Levels are 8.8 fixed point; `valid` is 0 or 1.
-pub(super) fn common_gain(picture: &[u8], background: &[u16], valid: &[u8], ratios: &mut Vec<f32>) -> f64 {
-    ratios.clear();
-    let samples = picture.iter().zip(background).zip(valid).step_by(STRIDE);
-    ratios.extend(
-        samples
-            .filter(|((c, b), v)| **v != 0 && **b >= MIN_LEVEL && **c < 250)
-            .map(|((c, b), _)| f32::from(*c) * 256.0 / f32::from(*b)),
-    );
-    if ratios.len() < 50 {
+pub(super) fn common_gain(picture: &[u8], background: &[u16], valid: &[u8]) -> f64 {
+    let mut counts = [0u16; 2 * BINS];
+    let mut n = 0u32;
+    for run in sample(picture.len()) {
+        for ((&c, &b), &v) in picture[run.clone()].iter().zip(&background[run.clone()]).zip(&valid[run]) {
+            if v != 0 && b >= MIN_LEVEL && c < 250 {
+                let bin = f32::from(c) / f32::from(b) * (256 * BINS) as f32;
+                counts[(bin as usize).min(2 * BINS - 1)] += 1;
+                n += 1;
+            }
+        }
+    }
+    if n < 50 {
         return 1.0;
     }
-    let middle = ratios.len() / 2;
-    let (_, median, _) = ratios.select_nth_unstable_by(middle, f32::total_cmp);
-    let gain = f64::from(*median);
+    // Within its bin the median is where the counts say.
+    let half = f64::from(n) / 2.0;
+    let mut below = 0.0;
+    let bin = counts.iter().position(|&count| {
+        below += f64::from(count);
+        below >= half
+    });
+    let Some(bin) = bin else { return 1.0 };
+    let count = f64::from(counts[bin]);
+    let gain = (bin as f64 + (half - (below - count)) / count.max(1.0)) / BINS as f64;
     if (1.0 / LIMIT..=LIMIT).contains(&gain) { gain } else { 1.0 }
 }
 
@@ -45,7 +68,7 @@ mod tests {
             .enumerate()
             .map(|(i, b)| if i < 10_000 { 200 } else { (f64::from(b >> 8) * 1.1).round() as u8 })
             .collect();
-        let gain = common_gain(&picture, &background, &vec![1; 30_000], &mut Vec::new());
+        let gain = common_gain(&picture, &background, &vec![1; 30_000]);
         assert!((gain - 1.1).abs() < 0.02, "{gain}");
     }
 }

@@ -6,57 +6,79 @@
 use super::kernel;
 use super::raster::Raster;
 
-const CELL: usize = 8;
+/// Side of a cell, pixels.
+pub(super) const CELL: usize = 8;
 
 /// Local maxima with their working memory.
 #[derive(Debug)]
 pub(crate) struct Halo {
     raster: Raster,
     cells: [usize; 2],
+    /// Strongest change of each cell.
     maxima: Vec<u8>,
-    spread: Vec<u8>,
+    /// Of a row of cells and those above and below.
+    column: Vec<u8>,
     row: Vec<u8>,
 }
 
 impl Halo {
     pub(crate) fn new(raster: Raster) -> Self {
         let cells = [raster.width.div_ceil(CELL), raster.height.div_ceil(CELL)];
-        let n = cells[0] * cells[1];
-        Self { raster, cells, maxima: vec![0; n], spread: vec![0; n], row: vec![0; cells[0] * CELL] }
+        let maxima = vec![0; cells[0] * cells[1]];
+        Self { raster, cells, maxima, column: vec![0; cells[0]], row: vec![0; cells[0] * CELL] }
     }
 
-    /// Takes away marks whose `magnitude` (grey levels) is below `share_q8` / 256 of the strongest nearby.
-    pub(crate) fn trim(&mut self, magnitude: &[u8], share_q8: u8, marks: &mut [u8]) {
+    /// Takes note of the changes in a band of [`CELL`] rows.
+    pub(crate) fn note(&mut self, band: usize, magnitude: &[u8]) {
+        self.row.fill(0);
+        for row in magnitude.chunks_exact(self.raster.width) {
+            kernel::raise(row, &mut self.row);
+        }
+        let columns = self.cells[0];
+        kernel::largest_of_eights(&mut self.row, &mut self.maxima[band * columns..][..columns]);
+    }
+
+    /// Takes away marks whose `magnitude` (grey levels) is below `share_q8` / 256 of the strongest nearby, after all bands were
+    /// noted. No mark has a magnitude below `least`.
+    pub(crate) fn trim(&mut self, magnitude: &[u8], share_q8: u8, least: u8, marks: &mut [u8]) {
         let Raster { width, height, wraps } = self.raster;
         let [columns, rows] = self.cells;
-        for cy in 0..rows {
-            self.row.fill(0);
-            for y in cy * CELL..((cy + 1) * CELL).min(height) {
-                kernel::raise(&magnitude[y * width..(y + 1) * width], &mut self.row);
-            }
-            for (cell, pixels) in self.maxima[cy * columns..].iter_mut().zip(self.row.chunks_exact(CELL)) {
-                *cell = pixels.iter().copied().fold(0, u8::max);
-            }
-        }
-        for cy in 0..rows {
-            for cx in 0..columns {
-                let mut most = 0;
-                for ny in cy.saturating_sub(1)..(cy + 2).min(rows) {
-                    for dx in [columns - 1, 0, 1] {
-                        let inside = wraps || (cx + dx >= columns && dx > 1) || (dx <= 1 && cx + dx < columns);
-                        if inside {
-                            most = most.max(self.maxima[ny * columns + (cx + dx) % columns]);
-                        }
-                    }
+        for band in 0..rows {
+            self.column.copy_from_slice(&self.maxima[band * columns..][..columns]);
+            for near in [band.wrapping_sub(1), band + 1] {
+                if near < rows {
+                    kernel::raise(&self.maxima[near * columns..][..columns], &mut self.column);
                 }
-                self.spread[cy * columns + cx] = ((u16::from(most) * u16::from(share_q8)) >> 8) as u8;
             }
-            for (pixels, &cell) in self.row.chunks_exact_mut(CELL).zip(&self.spread[cy * columns..]) {
-                pixels.fill(cell);
+            let threshold = |most: u8| ((u16::from(most) * u16::from(share_q8)) >> 8) as u8;
+            for x in 0..columns {
+                let left = if x > 0 {
+                    x - 1
+                } else if wraps {
+                    columns - 1
+                } else {
+                    0
+                };
+                let right = if x + 1 < columns {
+                    x + 1
+                } else if wraps {
+                    0
+                } else {
+                    x
+                };
+                let most = self.column[left].max(self.column[x]).max(self.column[right]);
+                self.row[x * CELL..][..CELL].fill(threshold(most));
             }
-            for y in cy * CELL..((cy + 1) * CELL).min(height) {
-                let range = y * width..(y + 1) * width;
-                kernel::keep_at_least(&magnitude[range.clone()], &self.row, &mut marks[range]);
+            // Stretches in which something is to be taken away.
+            let mut x = 0;
+            while let Some(start) = (x..columns).find(|&x| self.row[x * CELL] > least) {
+                let end = (start..columns).find(|&x| self.row[x * CELL] <= least).unwrap_or(columns);
+                let cells = start * CELL..(end * CELL).min(width);
+                for y in band * CELL..((band + 1) * CELL).min(height) {
+                    let pixels = y * width + cells.start..y * width + cells.end;
+                    kernel::keep_at_least(&magnitude[pixels.clone()], &self.row[cells.clone()], &mut marks[pixels]);
+                }
+                x = end;
             }
         }
     }

@@ -1,45 +1,71 @@
 //! The loops over pixels: plain functions over slices whose lengths the caller has made equal. Written so that the
 //! compiler vectorises them: no branches on data, no allocation, one element of each slice a step.
+//!
+//! [`wide`] compiles each of them twice from one source, for any processor and for x86-64 with AVX2, and takes the second where the
+//! processor has it. Both are the same integer arithmetic, so the plain one is the oracle of the other.
 
-/// The noise estimate saturates here (8.8 fixed point: 6.6 grey levels of mean deviation), so that thresholds stay in 16 bits.
-pub const NOISE_MAX: u16 = 1700;
+mod learn;
+mod mark;
+mod median;
 
-/// Marks pixels that differ from the background: `faint` where |C − B| ≥ max(`floor_faint`, 1.6 σ), `strong` where
-/// |C − B| ≥ max(`floor_strong`, 4 σ) (`MATHS.md` §7.4), C brought to the background's exposure by `exposure_q15` / 32768. Background, noise (mean absolute deviation, σ = 1.25 noise) and
-/// floors are 8.8 fixed point; `magnitude` is |C − B| in whole grey levels; 1 marks, 0 does not; pixels with `valid` 0 are never marked (`valid` is 0 or 1).
-#[allow(clippy::too_many_arguments)]
-pub fn mark_changes(
-    current: &[u8],
-    exposure_q15: u16,
-    background: &[u16],
-    noise: &[u16],
-    valid: &[u8],
-    floor_faint: u16,
-    floor_strong: u16,
-    magnitude: &mut [u8],
-    faint: &mut [u8],
-    strong: &mut [u8],
-) {
-    let n = current.len();
-    let (background, noise, valid) = (&background[..n], &noise[..n], &valid[..n]);
-    let (magnitude, faint, strong) = (&mut magnitude[..n], &mut faint[..n], &mut strong[..n]);
-    for i in 0..n {
-        let difference = expose(current[i], exposure_q15).abs_diff(background[i]);
-        let deviation = noise[i];
-        magnitude[i] = (difference >> 8) as u8;
-        faint[i] = u8::from(difference >= (deviation * 2).max(floor_faint)) & valid[i];
-        strong[i] = u8::from(difference >= (deviation * 5).max(floor_strong)) & valid[i];
+pub use learn::{KEEP, LEARN, LEARN_SLOWLY, Looks, count_looks, learn};
+pub use mark::{INDOOR_NOISE_MAX, Layers, NOISE_MAX, count_differences, forgive_known, keep_valid, mark_changes};
+pub use median::median;
+
+/// Compiles a function for any processor and for AVX2, and calls the best that this one has.
+macro_rules! wide {
+    ($(#[$meta:meta])* $vis:vis fn $name:ident($($argument:ident: $kind:ty),* $(,)?) $(-> $result:ty)? $body:block) => {
+        $(#[$meta])*
+        $vis fn $name($($argument: $kind),*) $(-> $result)? {
+            #[inline(always)]
+            #[allow(clippy::too_many_arguments)]
+            fn plain($($argument: $kind),*) $(-> $result)? $body
+            #[cfg(target_arch = "x86_64")]
+            {
+                #[target_feature(enable = "avx2,bmi1,bmi2,lzcnt,popcnt")]
+                #[allow(clippy::too_many_arguments)]
+                fn avx2($($argument: $kind),*) $(-> $result)? {
+                    plain($($argument),*)
+                }
+                if $crate::motion::kernel::has_avx2() {
+                    // SAFETY: the processor has these instructions.
+                    return unsafe { avx2($($argument),*) };
+                }
+            }
+            plain($($argument),*)
+        }
+    };
+}
+pub(crate) use wide;
+
+/// Whether the vectorised forms run here. In tests [`portable`] turns them off.
+#[cfg(target_arch = "x86_64")]
+#[inline]
+pub(crate) fn has_avx2() -> bool {
+    #[cfg(test)]
+    if PORTABLE.with(std::cell::Cell::get) {
+        return false;
     }
+    std::arch::is_x86_feature_detected!("avx2")
+        && std::arch::is_x86_feature_detected!("bmi2")
+        && std::arch::is_x86_feature_detected!("lzcnt")
+        && std::arch::is_x86_feature_detected!("popcnt")
 }
 
-/// The second look of a pixel, see `background`: what is seen there besides the background, how many frames each
-/// of the two was seen, and whether the second was the background before.
-#[derive(Debug, Clone, Copy)]
-pub struct Layers<'a> {
-    /// Level of the second look, 8.8 fixed point.
-    pub second: &'a [u16],
-    /// 1 where the second look was the background once.
-    pub second_is_known: &'a [u8],
+/// Which instructions the loops run on here: "avx2" or "portable".
+pub fn level() -> &'static str {
+    #[cfg(target_arch = "x86_64")]
+    if has_avx2() {
+        return "avx2";
+    }
+    "portable"
+}
+
+/// A grey level in 8.8 fixed point times a factor (32768 is 1), saturating. Exact for a factor of 1.
+#[inline(always)]
+fn expose(level: u8, exposure_q15: u16) -> u16 {
+    let half = ((u32::from(u16::from(level) << 8) * u32::from(exposure_q15)) >> 16) as u16;
+    half.min(32767) << 1
 }
 
 /// How near a level must be to be the same look: 3.2 σ, at least four grey levels.
@@ -48,147 +74,63 @@ fn tolerance(noise: u16) -> u16 {
     (noise * 4).max(1024)
 }
 
-/// Takes away marks where the picture shows what was the background before.
-pub fn forgive_known(
-    current: &[u8],
-    exposure_q15: u16,
-    noise: &[u16],
-    layers: Layers<'_>,
-    faint: &mut [u8],
-    strong: &mut [u8],
-) {
-    let n = current.len();
-    let (noise, second, known) = (&noise[..n], &layers.second[..n], &layers.second_is_known[..n]);
-    let (faint, strong) = (&mut faint[..n], &mut strong[..n]);
-    for i in 0..n {
-        let same = expose(current[i], exposure_q15).abs_diff(second[i]) < tolerance(noise[i]);
-        let keep = !(u8::from(same) & known[i]) & 1;
-        faint[i] &= keep;
-        strong[i] &= keep;
-    }
-}
-
-/// Counts which of its two looks each pixel shows, replaces a second look that is not seen any more, and makes the second
-/// the background where it has been seen `lead` frames longer. Counts stop at `most`. Nothing happens where `how` is
-/// [`KEEP`], unless `also_kept`.
-#[allow(clippy::too_many_arguments)]
-pub fn count_looks(
-    current: &[u8],
-    exposure_q15: u16,
-    how: &[u8],
-    noise: &[u16],
-    also_kept: bool,
-    most: u8,
-    lead: u8,
-    level: &mut [u16],
-    second: &mut [u16],
-    seen: &mut [u8],
-    seen_second: &mut [u8],
-    second_is_known: &mut [u8],
-) {
-    let n = current.len();
-    let (how, noise, level, second) = (&how[..n], &noise[..n], &mut level[..n], &mut second[..n]);
-    let (seen, seen_second, known) = (&mut seen[..n], &mut seen_second[..n], &mut second_is_known[..n]);
-    for i in 0..n {
-        if how[i] == KEEP && !also_kept {
-            continue;
-        }
-        let now = expose(current[i], exposure_q15);
-        let tolerance = tolerance(noise[i]);
-        if now.abs_diff(level[i]) < tolerance {
-            seen[i] = (seen[i] + 1).min(most);
-            continue;
-        }
-        if now.abs_diff(second[i]) < tolerance && seen_second[i] > 0 {
-            seen_second[i] = (seen_second[i] + 1).min(most);
-            let step = (i32::from(now) - i32::from(second[i])) >> 3;
-            second[i] = (i32::from(second[i]) + step) as u16;
-        } else {
-            seen_second[i] = seen_second[i].saturating_sub(1);
-            if seen_second[i] == 0 {
-                (second[i], seen_second[i], known[i]) = (now, 1, 0);
-            }
-        }
-        if seen_second[i] > seen[i].saturating_add(lead) || seen_second[i] == most {
-            std::mem::swap(&mut level[i], &mut second[i]);
-            std::mem::swap(&mut seen[i], &mut seen_second[i]);
-            seen_second[i] = seen_second[i].min(most / 2);
-            known[i] = 1;
-        }
-    }
-}
-
-/// |a − b| ≥ `threshold` as 0 or 1 (6-1).
-pub fn mark_difference(a: &[u8], b: &[u8], threshold: u8, out: &mut [u8]) {
-    let n = a.len();
-    let (b, out) = (&b[..n], &mut out[..n]);
-    for i in 0..n {
-        out[i] = u8::from(a[i].abs_diff(b[i]) >= threshold);
-    }
-}
-
-/// A grey level in 8.8 fixed point times a factor (32768 is 1), saturating. Exact for a factor of 1.
+/// Bit i is byte i of a block of zeros and ones.
 #[inline(always)]
-fn expose(level: u8, exposure_q15: u16) -> u16 {
-    let half = ((u32::from(level) << 8) * u32::from(exposure_q15)) >> 16;
-    (half.min(32767) as u16) << 1
+pub(super) fn bits_of(block: &[u8; 64]) -> u64 {
+    // Multiplied, the eight ones of a word meet in its highest byte.
+    const GATHER: u64 = 0x0102_0408_1020_4080;
+    block
+        .as_chunks::<8>()
+        .0
+        .iter()
+        .enumerate()
+        .fold(0, |bits, (i, bytes)| bits | (u64::from_le_bytes(*bytes).wrapping_mul(GATHER) >> 56) << (8 * i))
 }
 
-/// Learnt fully: nothing is there.
-pub const LEARN: u8 = 0;
-/// Something moves there that nobody follows: level and noise move by small steps. So leaves that never stand still
-/// become noise, a drifting light is followed, and somebody who walks past leaves next to nothing.
-pub const LEARN_SLOWLY: u8 = 1;
-/// Somebody is there: nothing is learnt.
-pub const KEEP: u8 = 2;
-
-/// Running average outside objects (`MATHS.md` §7.3) with a noise estimate beside it: where `how` is [`LEARN`],
-/// b += ((c<<8) − b + (1<<(k−1))) >> k and noise += (|c − b| − noise) >> `k_noise`.
-/// Where `how` is [`LEARN_SLOWLY`], both move by at most `small_step`.
-#[allow(clippy::too_many_arguments)]
-pub fn learn(
-    current: &[u8],
-    exposure_q15: u16,
-    how: &[u8],
-    k: u32,
-    k_noise: u32,
-    small_step: u8,
-    background: &mut [u16],
-    noise: &mut [u16],
-) {
-    let small_step = i32::from(small_step);
-    let n = current.len();
-    let (how, background, noise) = (&how[..n], &mut background[..n], &mut noise[..n]);
-    let half = 1i32 << (k - 1);
-    let half_noise = 1i32 << (k_noise - 1);
-    for i in 0..n {
-        let difference = i32::from(expose(current[i], exposure_q15)) - i32::from(background[i]);
-        let fully = i32::from(how[i] != LEARN) - 1; // all ones where true
-        let at_all = i32::from(how[i] == KEEP) - 1;
-        let limit = small_step | (fully & 0xffff);
-        let step = ((difference + half) >> k).clamp(-limit, limit) & at_all;
-        background[i] = (i32::from(background[i]) + step) as u16;
-        let deviation = difference.abs().min(4 * i32::from(NOISE_MAX));
-        let step = (deviation - i32::from(noise[i]) + half_noise) >> k_noise;
-        let step = step.min(limit) & at_all;
-        noise[i] = (i32::from(noise[i]) + step).min(i32::from(NOISE_MAX)) as u16;
-    }
-}
-
+wide! {
 /// `most[i]` = the larger of both.
 pub fn raise(values: &[u8], most: &mut [u8]) {
     for (m, &v) in most.iter_mut().zip(values) {
         *m = (*m).max(v);
     }
 }
+}
 
+wide! {
+/// The largest of each eight values, of a length that eight divides. `values` are lost.
+pub fn largest_of_eights(values: &mut [u8], out: &mut [u8]) {
+    // Each value becomes the largest of itself and the next 1, then 3, then 7.
+    for step in [1, 2, 4] {
+        let n = values.len().saturating_sub(step);
+        for i in 0..n {
+            values[i] = values[i].max(values[i + step]);
+        }
+    }
+    for (o, v) in out.iter_mut().zip(values.as_chunks::<8>().0) {
+        *o = v[0];
+    }
+}
+}
+
+wide! {
 /// Takes away marks where `values` is below `least`.
 pub fn keep_at_least(values: &[u8], least: &[u8], marks: &mut [u8]) {
     for ((m, &v), &l) in marks.iter_mut().zip(values).zip(least) {
         *m &= u8::from(v >= l);
     }
 }
+}
 
+wide! {
+/// `sums += values`, for as few rows that nothing overflows.
+pub fn add_row(values: &[u8], sums: &mut [u8]) {
+    for (s, &v) in sums.iter_mut().zip(values) {
+        *s = s.wrapping_add(v);
+    }
+}
+}
+
+wide! {
 /// One row of sums down the columns: `sums += enter − leave`.
 pub fn slide_column_sums(enter: &[u8], leave: &[u8], sums: &mut [u8]) {
     let n = sums.len();
@@ -197,111 +139,132 @@ pub fn slide_column_sums(enter: &[u8], leave: &[u8], sums: &mut [u8]) {
         sums[i] = sums[i].wrapping_add(enter[i]).wrapping_sub(leave[i]);
     }
 }
+}
 
+wide! {
 /// `out[i]` = 1 where the sum of `padded[i ..= i + 2·reach]` is at least `need[i]`; `padded` has `2·reach` more elements.
 pub fn threshold_row_sums(padded: &[u8], reach: usize, need: &[u8], out: &mut [u8]) {
     let n = out.len();
     let need = &need[..n];
-    match reach {
-        2 => {
-            let p = &padded[..n + 4];
-            for i in 0..n {
-                let sum = p[i] + p[i + 1] + p[i + 2] + p[i + 3] + p[i + 4];
-                out[i] = u8::from(sum >= need[i]);
-            }
+    if reach == 2 {
+        let p = &padded[..n + 4];
+        for i in 0..n {
+            let sum = p[i].wrapping_add(p[i + 1]).wrapping_add(p[i + 2]).wrapping_add(p[i + 3]).wrapping_add(p[i + 4]);
+            out[i] = u8::from(sum >= need[i]);
         }
-        _ => {
-            for i in 0..n {
-                let sum: u8 = padded[i..=i + 2 * reach].iter().sum();
-                out[i] = u8::from(sum >= need[i]);
-            }
+    } else {
+        for i in 0..n {
+            let sum = padded[i..=i + 2 * reach].iter().fold(0u8, |s, &p| s.wrapping_add(p));
+            out[i] = u8::from(sum >= need[i]);
         }
     }
 }
+}
 
+wide! {
+/// The same with one `need` for the whole row.
+pub fn threshold_row_sums_alike(padded: &[u8], reach: usize, need: u8, out: &mut [u8]) {
+    let n = out.len();
+    if reach == 2 {
+        let p = &padded[..n + 4];
+        for i in 0..n {
+            let sum = p[i].wrapping_add(p[i + 1]).wrapping_add(p[i + 2]).wrapping_add(p[i + 3]).wrapping_add(p[i + 4]);
+            out[i] = u8::from(sum >= need);
+        }
+    } else {
+        for i in 0..n {
+            let sum = padded[i..=i + 2 * reach].iter().fold(0u8, |s, &p| s.wrapping_add(p));
+            out[i] = u8::from(sum >= need);
+        }
+    }
+}
+}
+
+wide! {
+/// Adds to the sums of each column where `marks` is 1: picture², picture · background, background² in (1/8 grey level)², and
+/// noise². Background and noise are 8.8 fixed point.
+pub fn add_products(marks: &[u8], picture: &[u8], background: &[u16], noise: &[u16], sums: [&mut [u32]; 4]) {
+    let n = marks.len();
+    let (picture, background, noise) = (&picture[..n], &background[..n], &noise[..n]);
+    let [cc, cb, bb, nn] = sums.map(|s| &mut s[..n]);
+    for i in 0..n {
+        let m = u32::from(marks[i]);
+        let (c, b, s) = (m * (u32::from(picture[i]) << 3), m * u32::from(background[i] >> 5), m * u32::from(noise[i]));
+        cc[i] += c * c;
+        cb[i] += c * b;
+        bb[i] += b * b;
+        nn[i] += s * s;
+    }
+}
+}
+
+wide! {
 /// Number of ones.
 pub fn count_ones(marks: &[u8]) -> usize {
-    marks.chunks(255).map(|c| usize::from(c.iter().sum::<u8>())).sum()
+    let mut total = 0;
+    // Sixty-four counters beside each other, emptied before they overflow.
+    for chunk in marks.chunks(64 * 255) {
+        let mut counters = [0u8; 64];
+        let (blocks, rest) = chunk.as_chunks::<64>();
+        for block in blocks {
+            for (n, m) in counters.iter_mut().zip(block) {
+                *n = n.wrapping_add(*m);
+            }
+        }
+        total += counters.iter().chain(rest).map(|n| usize::from(*n)).sum::<usize>();
+    }
+    total
+}
 }
 
-/// Exact medians of columns of a stack (`MATHS.md` §7.2): `frames[f][i]` over f; even counts give (lower + upper + 1) >> 1.
-/// Batcher's sorting network on blocks of 64 pixels: minima and maxima of whole vectors, no branch on data.
-pub fn median(frames: &[&[u8]], out: &mut [u8]) {
-    const BLOCK: usize = 64;
-    let n = frames.len();
-    if n == 0 {
-        return;
+wide! {
+/// The sums of each four values, of a length that four divides. `values` are lost; no sum may overflow.
+pub fn sums_of_fours(values: &mut [u8], out: &mut [u8]) {
+    for step in [1, 2] {
+        let n = values.len().saturating_sub(step);
+        for i in 0..n {
+            values[i] = values[i].wrapping_add(values[i + step]);
+        }
     }
-    let mut block = vec![[0u8; BLOCK]; n];
-    for (b, out) in out.chunks_mut(BLOCK).enumerate() {
-        for (row, frame) in block.iter_mut().zip(frames) {
-            row[..out.len()].copy_from_slice(&frame[b * BLOCK..b * BLOCK + out.len()]);
-        }
-        sort_rows(&mut block);
-        if n % 2 == 1 {
-            out.copy_from_slice(&block[n / 2][..out.len()]);
-        } else {
-            let (lower, upper) = (&block[n / 2 - 1], &block[n / 2]);
-            for (i, o) in out.iter_mut().enumerate() {
-                *o = ((u16::from(lower[i]) + u16::from(upper[i]) + 1) >> 1) as u8;
-            }
-        }
+    for (o, v) in out.iter_mut().zip(values.as_chunks::<4>().0) {
+        *o = v[0];
     }
 }
+}
 
-/// Batcher's odd–even merge sort for any number of rows (Knuth, TAOCP 3, algorithm 5.2.2M).
-fn sort_rows<const B: usize>(rows: &mut [[u8; B]]) {
-    let n = rows.len();
-    if n < 2 {
-        return;
+wide! {
+/// Pixels of which the background is darkened, by less than half.
+pub fn count_darker(picture: &[u8], background: &[u16]) -> usize {
+    let darker = |p: u8, b: u16| {
+        let half = u16::from(p) << 7;
+        u16::from((half < b >> 1) & (half > b >> 2))
+    };
+    picture.iter().zip(background).fold(0u16, |n, (&p, &b)| n.wrapping_add(darker(p, b))).into()
+}
+}
+
+wide! {
+/// Rounds 8.8 fixed point to grey levels.
+pub fn round_levels(level: &[u16], out: &mut [u8]) {
+    for (o, &b) in out.iter_mut().zip(level) {
+        *o = (b.saturating_add(128) >> 8) as u8;
     }
-    let top = n.next_power_of_two() / 2;
-    let mut p = top;
-    while p > 0 {
-        let (mut q, mut r, mut d) = (top, 0, p);
-        loop {
-            for i in 0..n - d {
-                if i & p == r {
-                    let (head, tail) = rows.split_at_mut(i + d);
-                    let (low, high) = (&mut head[i], &mut tail[0]);
-                    for k in 0..B {
-                        let (a, b) = (low[k], high[k]);
-                        low[k] = a.min(b);
-                        high[k] = a.max(b);
-                    }
-                }
-            }
-            if q == p {
-                break;
-            }
-            d = q - p;
-            q /= 2;
-            r = p;
-        }
-        p /= 2;
-    }
+}
 }
 
 #[cfg(test)]
-mod tests {
-    use rand::{Rng, SeedableRng};
-
-    use super::*;
-
-    #[test]
-    fn the_network_median_equals_the_sorted_median_for_every_count() {
-        let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(1);
-        for n in 1..40usize {
-            let frames: Vec<Vec<u8>> =
-                (0..n).map(|_| (0..150).map(|_| (rng.next_u32() >> 24) as u8).collect()).collect();
-            let mut out = vec![0; 150];
-            median(&frames.iter().map(Vec::as_slice).collect::<Vec<_>>(), &mut out);
-            for i in 0..150 {
-                let mut column: Vec<u16> = frames.iter().map(|f| u16::from(f[i])).collect();
-                column.sort_unstable();
-                let want = if n % 2 == 1 { column[n / 2] } else { (column[n / 2 - 1] + column[n / 2] + 1) >> 1 };
-                assert_eq!(u16::from(out[i]), want, "{n} frames");
-            }
-        }
-    }
+thread_local! {
+    static PORTABLE: std::cell::Cell<bool> = const { std::cell::Cell::new(false) };
 }
+
+/// Runs something on this thread without vector instructions.
+#[cfg(test)]
+pub(crate) fn portable<T>(run: impl FnOnce() -> T) -> T {
+    PORTABLE.with(|p| p.set(true));
+    let result = run();
+    PORTABLE.with(|p| p.set(false));
+    result
+}
+
+#[cfg(test)]
+mod tests;

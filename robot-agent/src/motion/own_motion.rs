@@ -11,6 +11,7 @@
 //! * Turning: the whole ring shifted by one amount (column profiles matched over the ring), otherwise moving.
 
 use protocol::message::Motion;
+use protocol::time::Timestamp;
 
 use super::raster::Raster;
 
@@ -40,6 +41,8 @@ impl Comparison {
 
 /// About 5° on a panorama.
 const SECTORS: usize = 72;
+/// From one sector that is judged to the next; has no factor in common with their number.
+const SECTOR_JUMP: usize = 29;
 /// Fewer textured sectors cannot tell.
 const MIN_SECTORS: usize = 6;
 /// Still against the anchor: vibration of half a pixel passes.
@@ -50,9 +53,24 @@ const FRAME_TOLERANCE_PX: f64 = 0.12;
 const LEFT_SHARE: f64 = 0.25;
 /// … and above this share, frame by frame, it stands again.
 const STILL_SHARE: f64 = 0.5;
+/// A standing robot is compared with its anchor so often at most, seconds: a fast camera's frames say nothing new.
+const COMPARE_S: f64 = 0.07;
 /// Frames in a row that decide.
 const FRAMES_TO_LEAVE: u32 = 2;
 const FRAMES_TO_STAND: u32 = 3;
+
+/// What the robot must not leave.
+#[derive(Debug, Clone, Copy)]
+pub(crate) enum Anchor<'a> {
+    /// Grey levels.
+    Picture(&'a [u8]),
+    /// In 8.8 fixed point.
+    Background(&'a [u16]),
+}
+
+fn is_soon(elapsed_s: f64) -> bool {
+    (0.0..COMPARE_S).contains(&elapsed_s)
+}
 
 /// The judge of own motion, with its memory.
 #[derive(Debug)]
@@ -61,77 +79,87 @@ pub(crate) struct OwnMotion {
     valid: Vec<u8>,
     state: Motion,
     count: u32,
-    previous: Vec<u8>,
-    sums: kernel::Sums,
+    /// When a standing robot was last compared with its anchor.
+    compared: Option<Timestamp>,
 }
 
 impl OwnMotion {
     pub(crate) fn new(raster: Raster, valid: Vec<u8>) -> Self {
-        let sums = kernel::Sums::new(raster.width);
-        Self { raster, valid, state: Motion::Unknown, count: 0, previous: Vec::new(), sums }
+        Self { raster, valid, state: Motion::Unknown, count: 0, compared: None }
     }
 
-    /// Judge a picture. `anchor`: the background, where there is one. `noise_sigma`: grey levels.
-    /// Returns what the robot does and, against the anchor, how the sectors fared.
-    pub(crate) fn step(&mut self, picture: &[u8], anchor: Option<&[u8]>, noise_sigma: f64) -> (Motion, Comparison) {
-        let mut against_anchor = Comparison::default();
+    /// Judge a picture. `before`: the one before, empty where there is none; `anchor`: the background, where there is one;
+    /// `noise_sigma`: grey levels.
+    pub(crate) fn step(
+        &mut self,
+        picture: &[u8],
+        before: &[u8],
+        anchor: Option<Anchor<'_>>,
+        noise_sigma: f64,
+        capture: Timestamp,
+    ) -> Motion {
         match (self.state, anchor) {
+            (Motion::Standing, Some(_)) if self.compared.is_some_and(|c| is_soon(capture.seconds_since(c))) => {}
             (Motion::Standing, Some(anchor)) => {
-                against_anchor = self.compare(anchor, picture, ANCHOR_TOLERANCE_PX, noise_sigma);
-                let left = against_anchor.textured >= MIN_SECTORS && against_anchor.still_share() < LEFT_SHARE;
+                self.compared = Some(capture);
+                let c = self.compare(anchor, picture, ANCHOR_TOLERANCE_PX, noise_sigma, Some(LEFT_SHARE));
+                let left = c.textured >= MIN_SECTORS && c.still_share() < LEFT_SHARE;
                 self.count = if left { self.count + 1 } else { 0 };
                 if self.count >= FRAMES_TO_LEAVE {
-                    self.state = self.kind_of_motion(picture);
+                    self.state = self.kind_of_motion(picture, before);
                     self.count = 0;
                 }
             }
-            _ if self.previous.is_empty() => self.state = Motion::Unknown,
+            _ if before.len() != picture.len() => self.state = Motion::Unknown,
             _ => {
-                let previous = std::mem::take(&mut self.previous);
-                let c = self.compare(&previous, picture, FRAME_TOLERANCE_PX, noise_sigma);
-                self.previous = previous;
+                let frame = Anchor::Picture(before);
+                let c = self.compare(frame, picture, FRAME_TOLERANCE_PX, noise_sigma, Some(STILL_SHARE));
                 let still = c.textured < MIN_SECTORS || c.still_share() > STILL_SHARE;
                 self.count = if still { self.count + 1 } else { 0 };
                 if self.count >= FRAMES_TO_STAND {
                     self.state = Motion::Standing;
                     self.count = 0;
                 } else if !still {
-                    self.state = self.kind_of_motion(picture);
+                    self.state = self.kind_of_motion(picture, before);
                 }
             }
         }
-        self.previous.clear();
-        self.previous.extend_from_slice(picture);
-        (self.state, against_anchor)
+        self.state
+    }
+
+    /// Whether the picture stands where the anchor was, but its light has changed.
+    pub(crate) fn is_relit(&self, picture: &[u8], anchor: Option<Anchor<'_>>, noise_sigma: f64) -> bool {
+        anchor.is_some_and(|a| self.compare(a, picture, ANCHOR_TOLERANCE_PX, noise_sigma, None).is_relit())
     }
 
     /// Forget the past: the next frames decide anew.
     pub(crate) fn reset(&mut self) {
         self.state = Motion::Unknown;
         self.count = 0;
-        self.previous.clear();
+        self.compared = None;
     }
 
-    fn compare(&mut self, reference: &[u8], picture: &[u8], tolerance_px: f64, noise_sigma: f64) -> Comparison {
-        let Raster { width, height, wraps } = self.raster;
-        self.sums.clear();
-        // Every third row: neighbours are blurred into each other anyway.
-        for y in (1..height.saturating_sub(1)).step_by(3) {
-            let row = |y: usize| y * width..(y + 1) * width;
-            kernel::accumulate(
-                &reference[row(y - 1)],
-                &reference[row(y)],
-                &reference[row(y + 1)],
-                &picture[row(y)],
-                &self.valid[row(y)],
-                wraps,
-                &mut self.sums,
-            );
-        }
+    /// Sector by sector, in an order that jumps about the ring; until more than `enough` of all sectors are still, whatever the
+    /// others do.
+    fn compare(
+        &self,
+        reference: Anchor<'_>,
+        picture: &[u8],
+        tolerance_px: f64,
+        noise_sigma: f64,
+        enough: Option<f64>,
+    ) -> Comparison {
+        let width = self.raster.width;
+        let enough = enough.map_or(SECTORS, |share| (share * SECTORS as f64) as usize);
         let mut comparison = Comparison::default();
-        for sector in 0..SECTORS {
+        for k in 0..SECTORS {
+            let sector = k * SECTOR_JUMP % SECTORS;
             let columns = sector * width / SECTORS..(sector + 1) * width / SECTORS;
-            let Some(fit) = self.sums.solve(columns) else { continue };
+            let sums = match reference {
+                Anchor::Picture(r) => kernel::against_picture(r, picture, &self.valid, &self.raster, columns),
+                Anchor::Background(r) => kernel::against_background(r, picture, &self.valid, &self.raster, columns),
+            };
+            let Some(fit) = sums.solve() else { continue };
             // A shift of 0.3 px must stand out of the noise by three sigmas.
             let sigma_px = fit.sigma_per_noise * noise_sigma * std::f64::consts::SQRT_2;
             if sigma_px > 0.1 {
@@ -143,16 +171,19 @@ impl OwnMotion {
                 comparison.still += 1;
                 comparison.relit += usize::from(fit.mean_change > 6.0 || fit.gain_change.abs() > 0.08);
             }
+            if comparison.still > enough {
+                break;
+            }
         }
         comparison
     }
 
     /// Turning if the whole ring has shifted by one amount since the frame before.
-    fn kind_of_motion(&self, picture: &[u8]) -> Motion {
-        if !self.raster.wraps || self.previous.is_empty() {
+    fn kind_of_motion(&self, picture: &[u8], before: &[u8]) -> Motion {
+        if !self.raster.wraps || before.len() != picture.len() {
             return Motion::Moving;
         }
-        let shift = kernel::ring_shift(&self.previous, picture, self.raster.width, self.raster.height);
+        let shift = kernel::ring_shift(before, picture, self.raster.width, self.raster.height);
         let turned = shift.columns.abs() >= 1.0 && shift.misfit < 0.4 * shift.misfit_at_zero;
         if turned { Motion::Turning } else { Motion::Moving }
     }

@@ -5,6 +5,7 @@
 //! join *runs* of the mask's rows that are that close: no dilated picture, and work by the number of runs, not of pixels.
 //! The box is the minimal covering arc: the complement of the longest stretch of empty columns. Golden group `grouping`.
 
+use super::kernel::bits_of;
 use super::raster::{Arc, Raster};
 
 /// Most runs looked at in one mask; later ones (lower in the picture) are left out.
@@ -55,6 +56,28 @@ impl Region {
             }
         }
         (!runs.is_empty()).then(|| Self::of_runs(runs, raster))
+    }
+
+    /// All pixels of a box (left, top, width, height); columns may run over the seam of a ring. `None` outside the picture.
+    pub fn of_box([x, y, w, h]: [f64; 4], raster: &Raster) -> Option<Self> {
+        let whole = |v: f64, most: usize| v.round().clamp(0.0, most as f64) as usize;
+        let rows = whole(y, raster.height)..whole(y + h, raster.height);
+        let arc = if raster.wraps {
+            Arc { start: raster.wrap_column(x).floor() as usize % raster.width, width: whole(w, raster.width).max(1) }
+        } else {
+            let (start, end) = (whole(x, raster.width), whole(x + w, raster.width));
+            Arc { start, width: end.saturating_sub(start) }
+        };
+        if rows.is_empty() || arc.width == 0 {
+            return None;
+        }
+        let first = arc.width.min(raster.width - arc.start);
+        let pieces = [(0, arc.width - first), (arc.start, first)];
+        let runs = rows.flat_map(|row| {
+            let run = move |(start, len): (usize, usize)| Run { row: row as u32, start: start as u32, len: len as u32 };
+            pieces.into_iter().filter(|(_, len)| *len > 0).map(run)
+        });
+        Some(Self::of_runs(runs.collect(), raster))
     }
 
     /// From runs in the order of rows; at least one.
@@ -119,22 +142,40 @@ pub fn group(mask: &[u8], raster: &Raster, gap: [usize; 2], min_area: usize) -> 
 fn find_runs(mask: &[u8], raster: &Raster) -> (Vec<Run>, Vec<usize>) {
     let mut runs = Vec::new();
     let mut row_starts = Vec::with_capacity(raster.height + 1);
+    let mut padded = [0u8; 64];
     for (y, row) in mask.chunks_exact(raster.width).enumerate() {
         row_starts.push(runs.len());
-        let mut x = 0;
-        while x < row.len() && runs.len() < MAX_RUNS {
-            // Most of a mask is empty: step over it eight pixels at a time.
-            if x + 8 <= row.len() && row[x..x + 8] == [0u8; 8] {
-                x += 8;
+        // First column of a run that has not ended yet.
+        let mut open: Option<usize> = None;
+        let mut add = |start: usize, end: usize| {
+            if runs.len() < MAX_RUNS {
+                runs.push(Run { row: y as u32, start: start as u32, len: (end - start) as u32 });
+            }
+        };
+        let (blocks, rest) = row.as_chunks::<64>();
+        padded.fill(0);
+        padded[..rest.len()].copy_from_slice(rest);
+        for (base, block) in blocks.iter().chain([&padded]).enumerate().map(|(i, block)| (64 * i, block)) {
+            // Most of a mask is empty.
+            if open.is_none() && block.as_chunks::<8>().0.iter().fold(0, |any, b| any | u64::from_le_bytes(*b)) == 0 {
                 continue;
             }
-            if row[x] == 0 {
-                x += 1;
-                continue;
+            let bits = bits_of(block);
+            let mut x = 0;
+            while x < 64 {
+                let ahead = if open.is_some() { (bits >> x).trailing_ones() } else { (bits >> x).trailing_zeros() };
+                x += ahead;
+                if x >= 64 {
+                    break;
+                }
+                match open.take() {
+                    Some(start) => add(start, base + x as usize),
+                    None => open = Some(base + x as usize),
+                }
             }
-            let len = row[x..].iter().position(|&m| m == 0).unwrap_or(row.len() - x);
-            runs.push(Run { row: y as u32, start: x as u32, len: len as u32 });
-            x += len;
+        }
+        if let Some(start) = open {
+            add(start, row.len());
         }
     }
     row_starts.push(runs.len());
@@ -181,7 +222,9 @@ fn join_near_runs(runs: &[Run], row_starts: &[usize], raster: &Raster, gap: [usi
                     join(parent, i as u32, j as u32);
                     j += 1;
                 }
-                if raster.wraps {
+                let at_seam =
+                    i64::from(runs[i].start) < reach_x || i64::from(runs[i].start + runs[i].len) + reach_x > w;
+                if raster.wraps && at_seam {
                     for j in [above.start, above.end - 1] {
                         if near(&runs[j], &runs[i]) {
                             join(parent, i as u32, j as u32);

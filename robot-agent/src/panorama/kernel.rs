@@ -1,4 +1,8 @@
-//! The loop that unwarps: one bilinear sample a pixel, plain and fast enough to be the oracle of anything faster.
+//! The loop that unwarps: one bilinear sample a pixel, plain, the oracle of the vectorised `tiles`.
+
+mod tiles;
+
+pub(super) use tiles::Tiles;
 
 use super::LutEntry;
 

@@ -36,6 +36,8 @@ pub struct Lut {
     entries: Vec<LutEntry>,
     valid: Vec<bool>,
     invalid_runs: Vec<(u32, u32)>,
+    /// The entries once more for vector instructions, where the processor has them.
+    tiles: Option<kernel::Tiles>,
 }
 
 impl Lut {
@@ -98,7 +100,8 @@ impl Lut {
             }
         }
         let invalid_runs = runs_of_false(&valid);
-        Self { size_px, source_size_px, entries, valid, invalid_runs }
+        let tiles = kernel::Tiles::new(&entries, size_px[0] as usize, source_size_px.map(|n| n as usize));
+        Self { size_px, source_size_px, entries, valid, invalid_runs, tiles }
     }
 
     /// Columns and rows of the output.
@@ -122,6 +125,14 @@ impl Lut {
         &self.valid
     }
 
+    /// Bytes that the table holds.
+    pub fn memory_bytes(&self) -> usize {
+        size_of_val(&*self.entries)
+            + self.valid.len()
+            + size_of_val(&*self.invalid_runs)
+            + self.tiles.as_ref().map_or(0, kernel::Tiles::memory_bytes)
+    }
+
     /// Unwarps a picture (gray, row by row) into `out`.
     ///
     /// # Errors
@@ -134,7 +145,9 @@ impl Lut {
                 return Err(UnwarpError { what, got, expected });
             }
         }
-        kernel::unwarp(source, w, &self.entries, self.size_px[0] as usize, out);
+        if !self.tiles.as_ref().is_some_and(|tiles| tiles.unwarp(source, out)) {
+            kernel::unwarp(source, w, &self.entries, self.size_px[0] as usize, out);
+        }
         for (start, length) in &self.invalid_runs {
             out[*start as usize..][..*length as usize].fill(0);
         }

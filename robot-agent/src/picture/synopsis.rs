@@ -58,15 +58,26 @@ impl Synopsis {
 
 impl Cutout {
     pub(crate) fn of(scene: &Scene<'_>, track: TrackId, patch: Patch) -> Self {
-        let (mut gray, mut mask) = (Vec::new(), Vec::new());
+        let mut cutout = Self { track, patch, gray: Vec::new(), mask: Vec::new() };
+        cutout.take(scene, patch);
+        cutout
+    }
+
+    /// The object at another instant.
+    pub(crate) fn take(&mut self, scene: &Scene<'_>, patch: Patch) {
+        self.patch = patch;
+        self.gray.clear();
+        self.mask.clear();
+        let width = scene.raster.width;
+        // Over the seam in two pieces.
+        let first = patch.arc.width.min(width - patch.arc.start);
         for row in patch.rows[0]..=patch.rows[1] {
-            for offset in 0..patch.arc.width {
-                let i = row * scene.raster.width + scene.raster.column(patch.arc.start, offset);
-                gray.push(scene.picture[i]);
-                mask.push(scene.mask[i]);
+            for piece in [patch.arc.start..patch.arc.start + first, 0..patch.arc.width - first] {
+                let pixels = row * width + piece.start..row * width + piece.end;
+                self.gray.extend_from_slice(&scene.picture[pixels.clone()]);
+                self.mask.extend_from_slice(&scene.mask[pixels]);
             }
         }
-        Self { track, patch, gray, mask }
     }
 
     /// Pastes the object into a picture.

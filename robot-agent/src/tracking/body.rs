@@ -73,6 +73,18 @@ impl Body {
         }
     }
 
+    /// Of a box that somebody else found: its middle is the axis.
+    pub(super) fn of_box(region: &Region, scene: &Scene<'_>) -> Self {
+        Self {
+            arc: region.arc,
+            rows: region.rows,
+            axis: scene.raster.wrap_column(region.arc.centre()),
+            trunk_width: region.arc.width as f64,
+            both_cut: false,
+            strip: Strip { start: region.arc.start, filled: Vec::new(), gray: Vec::new() },
+        }
+    }
+
     /// The axis' offset from the strip's first column.
     pub(super) fn axis_offset(&self, raster: &Raster) -> f64 {
         raster.wrap_column(self.axis - self.strip.start as f64)
@@ -124,17 +136,24 @@ impl Strip {
     pub(super) fn of(region: &Region, scene: &Scene<'_>) -> Self {
         let raster = scene.raster;
         let width = region.arc.width;
-        let mut filled = vec![[0f32; BANDS]; width];
-        let mut gray = vec![[0f32; BANDS]; width];
+        // By bands first: rows of pixels are added to rows of sums.
+        let mut counts = vec![0u16; BANDS * width];
+        let mut sums = vec![0u32; BANDS * width];
         for (row, start, len) in region.spans() {
             let band = row * BANDS / raster.height;
             let offset = (start + raster.width - region.arc.start) % raster.width;
             let pixels = &scene.picture[row * raster.width + start..][..len];
-            for (i, &p) in pixels.iter().enumerate().take(width.saturating_sub(offset)) {
-                filled[offset + i][band] += 1.0;
-                gray[offset + i][band] += f32::from(p);
+            let cells = band * width + offset.min(width)..(band + 1) * width;
+            for ((n, sum), &p) in counts[cells.clone()].iter_mut().zip(&mut sums[cells]).zip(pixels) {
+                *n += 1;
+                *sum += u32::from(p);
             }
         }
+        let cell = |x: usize, band: usize| band * width + x;
+        let mut filled: Vec<[f32; BANDS]> =
+            (0..width).map(|x| std::array::from_fn(|band| f32::from(counts[cell(x, band)]))).collect();
+        let mut gray: Vec<[f32; BANDS]> =
+            (0..width).map(|x| std::array::from_fn(|band| sums[cell(x, band)] as f32)).collect();
         let rows_of_band = raster.height as f32 / BANDS as f32;
         for (f, g) in filled.iter_mut().flatten().zip(gray.iter_mut().flatten()) {
             if *f > 0.0 {

@@ -25,16 +25,30 @@ pub struct Histogram {
 impl Histogram {
     /// Of a region's pixels.
     pub fn of(region: &Region, scene: &Scene<'_>) -> Self {
-        let mut bins = [0.0; 2 * BINS];
+        // Counted by grey level first; two counters in turn, for neighbours are often equal.
+        let mut counts = [[[0u32; 256]; 2]; 2];
         let middle = usize::midpoint(region.rows[0], region.rows[1]);
-        for (row, start, len) in region.spans() {
-            let half = if row <= middle { 0 } else { BINS };
-            for &p in &scene.picture[row * scene.raster.width + start..][..len] {
+        // Every second row of what is tall says as much.
+        let step = if region.height() > 40 { 2 } else { 1 };
+        for (row, start, len) in region.spans().filter(|(row, _, _)| row.is_multiple_of(step)) {
+            let [even, odd] = &mut counts[usize::from(row > middle)];
+            let (pairs, rest) = scene.picture[row * scene.raster.width + start..][..len].as_chunks::<2>();
+            for [a, b] in pairs {
+                even[usize::from(*a)] += 1;
+                odd[usize::from(*b)] += 1;
+            }
+            for a in rest {
+                even[usize::from(*a)] += 1;
+            }
+        }
+        let mut bins = [0.0; 2 * BINS];
+        for (bins, [even, odd]) in bins.chunks_exact_mut(BINS).zip(&counts) {
+            for (p, (a, b)) in even.iter().zip(odd).enumerate() {
                 // Shared between neighbouring bins, so that a slightly brighter light moves little.
-                let position = (f64::from(p) / 256.0 * BINS as f64 - 0.5).max(0.0);
-                let (bin, part) = (position as usize, position.fract());
-                bins[half + bin] += 1.0 - part;
-                bins[half + (bin + 1).min(BINS - 1)] += part;
+                let position = (p as f64 / 256.0 * BINS as f64 - 0.5).max(0.0);
+                let (bin, part, count) = (position as usize, position.fract(), f64::from(a + b));
+                bins[bin] += (1.0 - part) * count;
+                bins[(bin + 1).min(BINS - 1)] += part * count;
             }
         }
         Self { bins }

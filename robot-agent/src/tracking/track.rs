@@ -67,6 +67,9 @@ pub(super) struct Track {
     /// Where it was born: how far has it come?
     pub(super) born_at: f64,
     pub(super) travelled: f64,
+    /// Row of its middle where it was born, and how far it has come along columns and rows (by regions only).
+    pub(super) born_row: f64,
+    pub(super) gone: f64,
     pub(super) seen: Timestamp,
     pub(super) moved: Timestamp,
     /// Since when it has been in groups without a break.
@@ -173,6 +176,8 @@ impl Track {
             born: now,
             born_at: s.axis,
             travelled: 0.0,
+            born_row: y,
+            gone: 0.0,
             seen: now,
             moved: now,
             merged_since: None,
@@ -314,6 +319,7 @@ impl Track {
         }
         self.supported = now;
         self.travelled = self.travelled.max(raster.column_difference(self.axis, self.born_at).abs());
+        self.gone = self.gone.max(self.travelled.hypot(found.y - self.born_row));
         self.note_seen(moves, now);
     }
 
@@ -344,7 +350,11 @@ impl Track {
             .sigma()
             .hypot(2.0 * sigma_alone(self.trunk_width, self.shape.h))
             .hypot((1.0 - alone) * 0.3 * self.trunk_width);
-        (self.arc, self.rows) = (group, rows);
+        // Its own place in the group, as far as that reaches.
+        self.arc = self.predicted_arc(raster);
+        let half = self.shape.h / 2.0;
+        let inside = |row: f64| row.round().clamp(rows[0] as f64, rows[1] as f64) as usize;
+        self.rows = [inside(self.shape.y - half), inside(self.shape.y + half - 1.0)];
         self.group_width = group.width as f64;
         if self.merged_since.is_none() {
             self.merged_since = Some(now);
@@ -375,6 +385,23 @@ impl Track {
     /// Whether it has been seen to move by its own breadth: what has not may be the trace of somebody who left.
     pub(super) fn has_come(&self) -> bool {
         self.travelled > self.shape.w.min(40.0)
+    }
+
+    /// Whether it has come by a part of its size: what flickers stays where it is, the smaller the surer.
+    pub(super) fn goes_somewhere(&self) -> bool {
+        const LEAST_PX: f64 = 6.0;
+        self.gone > (0.5 * self.shape.w).clamp(LEAST_PX, 20.0)
+    }
+
+    /// Whether it was going out of a picture that does not wrap when it was last seen.
+    pub(super) fn has_left(&self, raster: &Raster) -> bool {
+        const BORDER: f64 = 2.0;
+        let half = self.shape.w / 2.0;
+        let (left, right) = (self.axis - half, self.axis + half);
+        let outwards = |speed: f64| speed > 0.0;
+        !raster.wraps
+            && (left < BORDER && outwards(-self.filter.rate)
+                || right > raster.width as f64 - 1.0 - BORDER && outwards(self.filter.rate))
     }
 
     pub(super) fn patch(&self) -> Patch {

@@ -31,6 +31,11 @@ impl View {
         Self::new(Picture::Image(camera), &mounted)
     }
 
+    /// A panorama of which only the columns mean angles: nothing is known of the camera's height, tilt and rows.
+    pub fn uncalibrated(geometry: PanoramaGeometry) -> Self {
+        Self { picture: Picture::Panorama(geometry), height_m: None, tilt_sigma_rad: 0.0 }
+    }
+
     fn new(picture: Picture, camera: &MountedCamera) -> Self {
         let mounting = camera.mounting();
         let height_sigma_m = mounting.sigma.position_m.z;

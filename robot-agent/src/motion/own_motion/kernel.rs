@@ -1,6 +1,11 @@
-//! Sums for the sector fits, column by column so that they vectorise, and the match of column profiles over the ring.
+//! Sums for the sector fits, eight columns at a time so that they vectorise, and the match of column profiles over the ring.
+
+use std::ops::Range;
 
 use nalgebra::{Matrix4, Vector4};
+
+use crate::motion::kernel::wide;
+use crate::motion::raster::Raster;
 
 const TERMS: usize = 15;
 const W: usize = 0;
@@ -19,11 +24,9 @@ const YY: usize = 12;
 const YR: usize = 13;
 const RR: usize = 14;
 
-/// Sums a column of products of: weight, reference (P), its gradients (X, Y) and the change (R).
+/// Sums over a sector of products of: weight, reference (P), its gradients (X, Y) and the change (R).
 #[derive(Debug)]
-pub(super) struct Sums {
-    columns: [Vec<f32>; TERMS],
-}
+pub(super) struct Sums([f64; TERMS]);
 
 /// Least squares of one sector.
 #[derive(Debug)]
@@ -41,20 +44,9 @@ pub(super) struct Fit {
 }
 
 impl Sums {
-    pub(super) fn new(width: usize) -> Self {
-        Self { columns: std::array::from_fn(|_| vec![0.0; width]) }
-    }
-
-    pub(super) fn clear(&mut self) {
-        for c in &mut self.columns {
-            c.fill(0.0);
-        }
-    }
-
     /// The fit of a sector; `None` without texture.
-    pub(super) fn solve(&self, columns: std::ops::Range<usize>) -> Option<Fit> {
-        let s: [f64; TERMS] =
-            std::array::from_fn(|k| self.columns[k][columns.clone()].iter().map(|&v| f64::from(v)).sum());
+    pub(super) fn solve(&self) -> Option<Fit> {
+        let s = &self.0;
         let n = s[W];
         if n < 50.0 {
             return None;
@@ -83,54 +75,115 @@ impl Sums {
     }
 }
 
-/// Adds one row: the reference's rows above, at and below, and the picture's row. The first and last column have no
-/// gradient where the picture does not wrap.
-#[allow(clippy::too_many_arguments)]
-pub(super) fn accumulate(
-    above: &[u8],
-    row: &[u8],
-    below: &[u8],
-    picture: &[u8],
-    valid: &[u8],
-    wraps: bool,
-    sums: &mut Sums,
-) {
-    let n = row.len();
-    if n < 3 {
-        return;
+/// Columns that are summed together.
+const LANES: usize = 8;
+/// Every third row, for neighbours are blurred into each other anyway; of tall pictures so many.
+const ROW_STEP: usize = 3;
+const ROWS: usize = 54;
+
+/// Grey levels of a reference.
+trait Gray: Copy {
+    fn gray(self) -> f32;
+}
+
+impl Gray for u8 {
+    #[inline(always)]
+    fn gray(self) -> f32 {
+        f32::from(self)
     }
-    // Slices of one known length: without bounds checks the loop vectorises.
-    let [w_, p_, x_, y_, r_, pp, px, py, pr, xx, xy, xr, yy, yr, rr] = sums.columns.each_mut().map(|c| &mut c[..n]);
-    let (above, row, below, picture, valid) = (&above[..n], &row[..n], &below[..n], &picture[..n], &valid[..n]);
-    let mut add = |i: usize, left: u8, right: u8| {
-        let w = f32::from(valid[i]);
-        let p = w * (f32::from(row[i]) - 128.0);
-        let x = w * 0.5 * (f32::from(right) - f32::from(left));
-        let y = w * 0.5 * (f32::from(below[i]) - f32::from(above[i]));
-        let r = w * (f32::from(picture[i]) - f32::from(row[i]));
-        w_[i] += w;
-        p_[i] += p;
-        x_[i] += x;
-        y_[i] += y;
-        r_[i] += r;
-        pp[i] += p * p;
-        px[i] += p * x;
-        py[i] += p * y;
-        pr[i] += p * r;
-        xx[i] += x * x;
-        xy[i] += x * y;
-        xr[i] += x * r;
-        yy[i] += y * y;
-        yr[i] += y * r;
-        rr[i] += r * r;
-    };
-    if wraps {
-        add(0, row[n - 1], row[1]);
-        add(n - 1, row[n - 2], row[0]);
+}
+
+/// 8.8 fixed point.
+impl Gray for u16 {
+    #[inline(always)]
+    fn gray(self) -> f32 {
+        f32::from(self) * (1.0 / 256.0)
     }
-    for i in 1..n - 1 {
-        add(i, row[i - 1], row[i + 1]);
+}
+
+wide! {
+/// The sums of some columns against a picture.
+pub(super) fn against_picture(reference: &[u8], picture: &[u8], valid: &[u8], raster: &Raster, columns: Range<usize>) -> Sums {
+    sums(reference, picture, valid, raster, columns)
+}
+}
+
+wide! {
+/// The sums of some columns against a background in 8.8 fixed point.
+pub(super) fn against_background(reference: &[u16], picture: &[u8], valid: &[u8], raster: &Raster, columns: Range<usize>) -> Sums {
+    sums(reference, picture, valid, raster, columns)
+}
+}
+
+#[inline(always)]
+fn sums<T: Gray>(reference: &[T], picture: &[u8], valid: &[u8], raster: &Raster, columns: Range<usize>) -> Sums {
+    let Raster { width, height, wraps } = *raster;
+    let row_step = (height / ROWS).max(ROW_STEP);
+    let mut total = [0f64; TERMS];
+    let mut lanes = [[0f32; LANES]; TERMS];
+    for x0 in columns.clone().step_by(LANES) {
+        // The column of each lane and its neighbours; columns beyond the sector or without a gradient have no weight.
+        let at: [usize; LANES + 2] = std::array::from_fn(|i| {
+            let x = x0 + i + width - 1;
+            if wraps { x % width } else { x.saturating_sub(width).min(width - 1) }
+        });
+        let inside: [f32; LANES] = std::array::from_fn(|l| {
+            let x = x0 + l;
+            f32::from(u8::from(x < columns.end && (wraps || (x > 0 && x + 1 < width))))
+        });
+        let plain = x0 > 0 && x0 + LANES < width;
+        lanes.fill([0.0; LANES]);
+        for y in (1..height.saturating_sub(1)).step_by(row_step) {
+            let i = y * width;
+            let row = columns_of(&reference[i..i + width], x0, plain, &at);
+            let above = columns_of(&reference[i - width..i], x0, plain, &at);
+            let below = columns_of(&reference[i + width..i + 2 * width], x0, plain, &at);
+            let now = columns_of(&picture[i..i + width], x0, plain, &at);
+            let tested = columns_of(&valid[i..i + width], x0, plain, &at);
+            for l in 0..LANES {
+                let w = tested[l + 1] * inside[l];
+                let p = w * (row[l + 1] - 128.0);
+                let x = w * 0.5 * (row[l + 2] - row[l]);
+                let y = w * 0.5 * (below[l + 1] - above[l + 1]);
+                let r = w * (now[l + 1] - row[l + 1]);
+                lanes[W][l] += w;
+                lanes[P][l] += p;
+                lanes[X][l] += x;
+                lanes[Y][l] += y;
+                lanes[R][l] += r;
+                lanes[PP][l] += p * p;
+                lanes[PX][l] += p * x;
+                lanes[PY][l] += p * y;
+                lanes[PR][l] += p * r;
+                lanes[XX][l] += x * x;
+                lanes[XY][l] += x * y;
+                lanes[XR][l] += x * r;
+                lanes[YY][l] += y * y;
+                lanes[YR][l] += y * r;
+                lanes[RR][l] += r * r;
+            }
+        }
+        for (t, row) in total.iter_mut().zip(&lanes) {
+            *t += row.iter().map(|&v| f64::from(v)).sum::<f64>();
+        }
     }
+    Sums(total)
+}
+
+/// Eight columns of a row and their neighbours, in grey levels.
+#[inline(always)]
+fn columns_of<T: Gray>(row: &[T], x0: usize, plain: bool, at: &[usize; LANES + 2]) -> [f32; LANES + 2] {
+    let mut out = [0.0; LANES + 2];
+    if plain {
+        for (o, v) in out.iter_mut().zip(&row[x0 - 1..x0 + LANES + 1]) {
+            *o = v.gray();
+        }
+    } else {
+        for (o, x) in out.iter_mut().zip(at) {
+            *o = row[*x].gray();
+        }
+    }
+    out
 }
 
 /// How far the ring of columns has turned.
