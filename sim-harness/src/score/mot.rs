@@ -1,7 +1,7 @@
 //! Tracks of boxes against truth by the standard definitions.
 //!
-//! - *CLEAR-MOT* (Bernardin and Stiefelhagen, 2008): frame by frame a pair of the frame before stays matched while its boxes
-//!   overlap enough; what is left is assigned so that as many pairs as possible are matched, those of the largest overlap. A
+//! - *CLEAR-MOT* (Bernardin and Stiefelhagen, 2008): frame by frame a person and the track last matched to it stay matched if their
+//!   boxes overlap enough; what is left is assigned so that as many pairs as possible are matched, those of the largest overlap. A
 //!   switch is a person matched to another track than last, however long ago. MOTA = 1 − (misses + false + switches) / truths.
 //! - *IDF1* (Ristani et al., 2016): one track for each person over the whole sequence, so that the frames in which they overlap
 //!   enough are most; IDF1 = 2·IDTP / (truths + boxes).
@@ -60,7 +60,6 @@ pub struct MotScores {
 pub fn score(truth: &Frames, tracks: &Frames, iou: f64) -> MotScores {
     let mut scores = MotScores { iou, ..MotScores::default() };
     let mut last: BTreeMap<u64, u64> = BTreeMap::new();
-    let mut standing: Vec<(u64, u64)> = Vec::new();
     let mut together: BTreeMap<(u64, u64), usize> = BTreeMap::new();
     let (mut overlap, mut matches, mut box_matches) = (0.0, 0usize, 0usize);
     let none = Vec::new();
@@ -82,10 +81,10 @@ pub fn score(truth: &Frames, tracks: &Frames, iou: f64) -> MotScores {
 
         let mut left = overlaps.clone();
         let mut pairs: Vec<(usize, usize)> = Vec::new();
-        for (person, track) in &standing {
-            let p = people.iter().position(|b| b.id == *person);
-            let t = found.iter().position(|b| b.id == *track);
-            if let (Some(p), Some(t)) = (p, t)
+        for (p, person) in people.iter().enumerate() {
+            let before = last.get(&person.id);
+            let t = found.iter().position(|b| Some(&b.id) == before);
+            if let Some(t) = t
                 && left[p][t] > 0.0
             {
                 pairs.push((p, t));
@@ -94,11 +93,9 @@ pub fn score(truth: &Frames, tracks: &Frames, iou: f64) -> MotScores {
             }
         }
         pairs.extend(assign(&left).into_iter().enumerate().filter_map(|(p, t)| t.map(|t| (p, t))));
-        standing.clear();
         for &(p, t) in &pairs {
             let (person, track) = (people[p].id, found[t].id);
             scores.switches += usize::from(last.insert(person, track).is_some_and(|before| before != track));
-            standing.push((person, track));
             overlap += overlaps[p][t];
         }
         matches += pairs.len();
