@@ -1,7 +1,7 @@
 //! The loops over pixels: plain functions over slices whose lengths the caller has made equal. Written so that the
 //! compiler vectorises them: no branches on data, no allocation, one element of each slice a step.
 //!
-//! [`wide`] compiles each of them twice from one source, for any processor and for x86-64 with AVX2, and takes the second where the
+//! `wide!` compiles each of them twice from one source, for any processor and for x86-64 with AVX2, and takes the second where the
 //! processor has it. Both are the same integer arithmetic, so the plain one is the oracle of the other.
 
 mod learn;

@@ -3,13 +3,16 @@
 //! Most of the time goes to cache misses in the source and to the table. So the table is stored in the order of work, six
 //! bytes a pixel: tiles of 64 columns from top to bottom, whose source is a wedge of the ring, and while a tile is worked on
 //! the source of the next one is fetched. The four source pixels are collected into one 32-bit word a pixel by plain loads
-//! (gather instructions are slower), a row of a tile ahead of the arithmetic.
+//! (gather instructions are slower), a row of a tile ahead of the arithmetic. Rows of a source whose width is a multiple of 1024
+//! fall on the same lines of the cache; such a source is first copied, as far as it is used, to rows a line longer.
 //!
 //! ```text
 //! word  a | b<<8 | c<<16 | d<<24      upper pair (a b), lower pair (c d)
 //! left  a(256−fy) + c·fy     right  b(256−fy) + d·fy        16 bits each: at most 255·256
 //! value (left(256−fx) + right·fx + 2¹⁵) >> 16               signed 16-bit multiply-add: both less 2¹⁵ before, 256·2¹⁵ after
 //! ```
+
+use std::sync::{Arc, Mutex};
 
 use super::super::LutEntry;
 
@@ -31,7 +34,23 @@ pub(crate) struct Tiles {
     source_len: usize,
     width: usize,
     height: usize,
+    copy: Option<PaddedCopy>,
 }
+
+/// Where a source is copied to whose rows would fall on the same lines of the cache.
+#[derive(Debug, Clone)]
+struct PaddedCopy {
+    stride: usize,
+    /// First column that is used and the one after the last, for each row of the source.
+    used: Vec<[u32; 2]>,
+    /// One for all clones of a table; whoever finds it in use takes the plain loop.
+    pixels: Arc<Mutex<Vec<u8>>>,
+}
+
+/// Widths of sources that are copied: multiples of this …
+const ALIASING: usize = 1024;
+/// … to rows longer by this: a line of the cache.
+const PADDING: usize = 64;
 
 impl Tiles {
     /// From the table by rows; `None` where this processor, or a panorama narrower than a tile, is left to the plain loop.
@@ -49,7 +68,9 @@ impl Tiles {
             source_len,
             width,
             height,
+            copy: PaddedCopy::new(entries, source),
         };
+        let inner = tiles.inner_stride();
         for start in starts(width) {
             for v in 0..height {
                 for (i, entry) in entries[v * width + start..][..COLUMNS].iter().enumerate() {
@@ -63,7 +84,7 @@ impl Tiles {
                     if packed as usize + stride + 1 >= source_len {
                         return None;
                     }
-                    tiles.offsets.push(packed);
+                    tiles.offsets.push((packed as usize / stride * inner + packed as usize % stride) as u32);
                     tiles.weights.push(weight);
                 }
             }
@@ -71,9 +92,15 @@ impl Tiles {
         Some(tiles)
     }
 
+    /// Pixels of a row in what the offsets point into.
+    fn inner_stride(&self) -> usize {
+        self.copy.as_ref().map_or(self.stride, |copy| copy.stride)
+    }
+
     /// Bytes held.
     pub(crate) fn memory_bytes(&self) -> usize {
-        size_of_val(&*self.offsets) + size_of_val(&*self.weights) + size_of_val(&*self.rim)
+        let copy = self.copy.as_ref().map_or(0, |copy| copy.stride * copy.used.len());
+        copy + size_of_val(&*self.offsets) + size_of_val(&*self.weights) + size_of_val(&*self.rim)
     }
 
     /// Unwarps; whether it could: a source or output of another size is left to the plain loop.
@@ -83,8 +110,15 @@ impl Tiles {
         }
         #[cfg(target_arch = "x86_64")]
         {
-            // SAFETY: `new` gives no table where AVX2 is not there; the lengths were compared above.
-            unsafe { avx2::unwarp(self, source, out) };
+            if let Some(copy) = &self.copy {
+                let Ok(mut pixels) = copy.pixels.try_lock() else { return false };
+                copy.fill(source, self.stride, &mut pixels);
+                // SAFETY: as below; the copy has as many rows as the source, each at least as long.
+                unsafe { avx2::unwarp(self, &pixels, out) };
+            } else {
+                // SAFETY: `new` gives no table where AVX2 is not there; the lengths were compared above.
+                unsafe { avx2::unwarp(self, source, out) };
+            }
             for (i, entry) in &self.rim {
                 out[*i as usize] = super::sample(source, self.stride, *entry);
             }
@@ -92,6 +126,36 @@ impl Tiles {
         }
         #[cfg(not(target_arch = "x86_64"))]
         false
+    }
+}
+
+impl PaddedCopy {
+    fn new(entries: &[LutEntry], [stride, rows]: [usize; 2]) -> Option<Self> {
+        if !stride.is_multiple_of(ALIASING) || u32::try_from((stride + PADDING) * rows).is_err() {
+            return None;
+        }
+        let mut used = vec![[u32::MAX, 0]; rows];
+        for entry in entries {
+            let (row, column) = (entry.offset as usize / stride, (entry.offset as usize % stride) as u32);
+            // A weight of 256 makes the pixel after the next the second of a pair.
+            for [first, end] in used.iter_mut().skip(row).take(3) {
+                *first = (*first).min(column);
+                *end = (*end).max((column + 3).min(stride as u32));
+            }
+        }
+        Some(Self { stride: stride + PADDING, used, pixels: Arc::default() })
+    }
+
+    #[cfg(target_arch = "x86_64")]
+    fn fill(&self, source: &[u8], stride: usize, pixels: &mut Vec<u8>) {
+        pixels.resize(self.stride * self.used.len(), 0);
+        let rows = source.chunks_exact(stride).zip(pixels.chunks_exact_mut(self.stride));
+        for ((from, to), [first, end]) in rows.zip(&self.used) {
+            if first < end {
+                let columns = *first as usize..*end as usize;
+                to[columns.clone()].copy_from_slice(&from[columns]);
+            }
+        }
     }
 }
 
@@ -131,7 +195,7 @@ mod avx2 {
     /// The processor has AVX2; `source` and `out` have the table's lengths.
     #[target_feature(enable = "avx2")]
     pub(super) unsafe fn unwarp(tiles: &Tiles, source: &[u8], out: &mut [u8]) {
-        let (width, height, stride) = (tiles.width, tiles.height, tiles.stride);
+        let (width, height, stride) = (tiles.width, tiles.height, tiles.inner_stride());
         let mut words = [[0u32; COLUMNS]; 2];
         let tile = height * COLUMNS;
         for (t, start) in starts(width).enumerate() {
@@ -216,7 +280,7 @@ mod tests {
     #[test]
     fn tiles_give_what_the_plain_loop_gives_at_any_place_and_weight() {
         let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(4);
-        for (width, stride, rows) in [(64, 70, 40), (65, 200, 90), (150, 33, 20), (192, 16, 16)] {
+        for (width, stride, rows) in [(64, 70, 40), (65, 200, 90), (150, 33, 20), (192, 16, 16), (130, 1024, 30)] {
             let source: Vec<u8> = (0..stride * rows).map(|_| (rng.next_u32() >> 24) as u8).collect();
             let entries: Vec<LutEntry> = (0..width * 9)
                 .map(|_| {
