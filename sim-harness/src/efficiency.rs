@@ -4,7 +4,7 @@
 //! nothing with the solver, and the bound from the numerical derivatives of that ([`bound`]), never from the solver's
 //! Jacobian. Each draw adds noise, is given to `team_leader::solve` as a problem like any other, and its errors are held
 //! against the bound (RMSE) and against the covariance that the solver states (NEES, NIS). Cases and seeds are fixed
-//! ([`cases`]).
+//! ([`mod@cases`]).
 
 pub mod bound;
 pub mod cases;
