@@ -1,6 +1,7 @@
 //! Subcommands of the `team-leader` program, one a file.
 
 pub mod check;
+pub mod plan;
 pub mod query;
 pub mod run;
 pub mod solve;

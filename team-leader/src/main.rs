@@ -4,6 +4,7 @@ use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
 use team_leader::cli::check::{self, CheckArgs};
+use team_leader::cli::plan::{self, PlanArgs};
 use team_leader::cli::query::{self, QueryArgs};
 use team_leader::cli::run::{self, RunArgs};
 use team_leader::cli::solve::{self, SolveArgs};
@@ -23,6 +24,8 @@ enum Command {
     Run(RunArgs),
     /// Poses and targets from bearings in a file, offline.
     Solve(SolveArgs),
+    /// Where the robots should stand to see the targets best.
+    Plan(PlanArgs),
     /// Validates a configuration and says what is wrong, without starting.
     Check(CheckArgs),
     /// Asks a running team: the map, a robot's pictures, a robot's status.
@@ -38,6 +41,7 @@ fn main() -> ExitCode {
     ExitCode::from(match &cli.command {
         Command::Run(args) => run::run(args),
         Command::Solve(args) => solve::run(args),
+        Command::Plan(args) => plan::run(args),
         Command::Check(args) => check::run(args),
         Command::Query(args) => query::run(args),
     })

@@ -2,6 +2,7 @@
 
 pub mod closed_form;
 mod conclusion;
+pub mod explain;
 pub mod input;
 pub mod joint;
 pub mod layout;
@@ -83,7 +84,16 @@ pub enum SolveError {
 }
 
 /// Solves jointly. Never fails: the status says what became of it.
-pub fn solve(mut problem: Problem) -> Solution {
+pub fn solve(problem: Problem) -> Solution {
+    solve_and(problem, |_, _| Vec::new())
+}
+
+/// Solves jointly, and explains where each target's error comes from.
+pub fn solve_and_explain(problem: Problem) -> Solution {
+    solve_and(problem, Stage::explain)
+}
+
+fn solve_and(mut problem: Problem, explain: impl Fn(&Stage, &Problem) -> Vec<explain::Explained>) -> Solution {
     let naming = start::name_sightings(&mut problem);
     problem.split_by_time();
     let held = held_poses(&problem);
@@ -98,13 +108,15 @@ pub fn solve(mut problem: Problem) -> Solution {
     let unnamed = problem.bearings.iter().any(|b| b.target.is_none());
     let Some(robots) = Stage::robots(&problem, &held) else { return unsolved(&problem) };
     if !unnamed {
-        return robots.conclude(&problem, naming == MapStatus::Ambiguous, false);
+        let explained = explain(&robots, &problem);
+        return Solution { explained, ..robots.conclude(&problem, naming == MapStatus::Ambiguous, false) };
     }
     let sigmas: Vec<(f64, f64)> = (0..problem.robots.len()).map(|r| robots.sigma(r)).collect();
     let poses: Vec<[f64; 3]> = robots.joint.state.poses.iter().map(|p| [p[0], p[1], p[2]]).collect();
     let left_open = pairing::pair(&mut problem, &poses, &sigmas);
     let Some(full) = Stage::fit(&problem, &held, &robots.placed, &poses) else { return unsolved(&problem) };
-    full.conclude(&problem, naming == MapStatus::Ambiguous, left_open)
+    let explained = explain(&full, &problem);
+    Solution { explained, ..full.conclude(&problem, naming == MapStatus::Ambiguous, left_open) }
 }
 
 /// Poses that are given: by the file, or the anchor's where nothing else fixes the frame.

@@ -21,12 +21,14 @@ pub fn cmc(r: &cmc::Report) -> String {
 pub fn mrclam(r: &mrclam::Report) -> String {
     let mut text = format!(
         "{} robots, {} sightings of each other; left out: {} readings of landmarks, {} of barcodes that nobody wears\n\
+         wheels do what they are told {:.0} ms late by the innovations\n\
          {} mutual sightings: {:.3} m and {:.2}° median; NEES/3 {:.2} mean, {:.2} by its median\n\n\
          {:<8} {:>9} {:>10} {:>17} {:>6}\n",
         r.robots,
         r.sightings,
         r.landmarks,
         r.unknown_barcodes,
+        1e3 * r.wheel_lag_s,
         r.mutual,
         r.mutual_m,
         r.mutual_deg,

@@ -27,6 +27,9 @@ pub struct SolveArgs {
     /// How to solve.
     #[arg(long, value_enum, default_value_t = Method::Joint)]
     pub method: Method,
+    /// Say where each target's error comes from: baselines, bearings, clocks, with sensitivities and the Cramér–Rao bound.
+    #[arg(long, conflicts_with_all = ["sequence", "method"])]
+    pub explain: bool,
     /// Format of the result.
     #[arg(long, value_enum, default_value_t = Format::Json)]
     pub format: Format,
@@ -94,6 +97,7 @@ fn work(args: &SolveArgs) -> Result<bool, Failure> {
     let text = read(path).map_err(|e| Failure::Io(name.clone(), e))?;
     let problem = Problem::parse(&text).map_err(|e| Failure::Input(name, e))?;
     let solution = match args.method {
+        Method::Joint if args.explain => solve::solve_and_explain(problem),
         Method::Joint => solve::solve(problem),
         Method::ClosedForm => solve::closed_form::solve(problem),
     };
@@ -107,7 +111,7 @@ fn work(args: &SolveArgs) -> Result<bool, Failure> {
     Ok(solution.status == SolveStatus::Converged)
 }
 
-fn read(path: &Path) -> std::io::Result<String> {
+pub(super) fn read(path: &Path) -> std::io::Result<String> {
     let mut text = String::new();
     if path.as_os_str() == "-" {
         std::io::stdin().take(MAX_INPUT).read_to_string(&mut text)?;
@@ -177,6 +181,31 @@ fn print(solution: &Solution, out: &mut impl Write) -> std::io::Result<()> {
             sigma(&t.covariance, 1),
             t.observers.join(", ")
         )?;
+    }
+    for (label, lines) in
+        [("undetermined", &solution.undetermined), ("would cure it", &solution.cures), ("warning", &solution.warnings)]
+    {
+        for line in lines {
+            writeln!(out, "{label}: {line}")?;
+        }
+    }
+    for e in &solution.explained {
+        let at = e.time_s.map_or_else(String::new, |t| format!(" at {t:.2} s"));
+        writeln!(out, "{}{at}: {:.4} m RMS, Cramér–Rao bound {:.4} m, of which", e.target, e.rms_m, e.bound_m)?;
+        let per = |v: Option<f64>, unit: &str| v.map_or_else(String::new, |v| format!("  {v:.4} m/{unit}"));
+        for p in &e.parts {
+            writeln!(
+                out,
+                "  {:5.1} %  {:.4} m  {:<32}{}{}{}{}",
+                100.0 * p.share,
+                p.rms_m,
+                p.source,
+                per(p.m_per_px, "px"),
+                per(p.m_per_deg, "°"),
+                per(p.m_per_m, "m"),
+                per(p.m_per_ms, "ms")
+            )?;
+        }
     }
     writeln!(
         out,

@@ -368,7 +368,7 @@ impl Normal {
     }
 
     /// Covariance of the robots, and of each target; meaningless where something is not determined.
-    fn covariances(&self, layout: &Layout) -> (DMatrix<f64>, Vec<Block>) {
+    pub fn covariances(&self, layout: &Layout) -> (DMatrix<f64>, Vec<Block>) {
         let mut reduced = self.robots.clone();
         let mut inverses = Vec::with_capacity(self.targets.len());
         for target in &self.targets {

@@ -146,7 +146,7 @@ fn unit_length(mut direction: Vec<f64>) -> Vec<f64> {
 }
 
 /// The whole information.
-fn dense(normal: &Normal, layout: &Layout) -> DMatrix<f64> {
+pub fn dense(normal: &Normal, layout: &Layout) -> DMatrix<f64> {
     let mut all = DMatrix::zeros(layout.unknowns, layout.unknowns);
     let n = layout.robot_unknowns;
     all.view_mut((0, 0), (n, n)).copy_from(&normal.robots);

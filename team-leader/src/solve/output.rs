@@ -3,6 +3,8 @@
 use protocol::estimate::SolveStatus;
 use serde::{Deserialize, Serialize};
 
+use super::explain::Explained;
+
 /// The result.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Solution {
@@ -32,6 +34,9 @@ pub struct Solution {
     /// Of all robots that are not held, jointly.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub joint_covariance: Option<JointCovariance>,
+    /// Where each target's error comes from, where that was asked for.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub explained: Vec<Explained>,
 }
 
 impl Solution {
@@ -49,6 +54,7 @@ impl Solution {
             cures: Vec::new(),
             warnings: Vec::new(),
             joint_covariance: None,
+            explained: Vec::new(),
         }
     }
 }
