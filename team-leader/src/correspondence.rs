@@ -16,15 +16,17 @@
 //!  target ── unseen too long, lost, a double ──▶ dropped; remembered for a while to get its number back (identity)
 //! ```
 
-mod assignment;
 mod birth;
-mod exchange;
 mod explanation;
 mod identity;
 mod likelihood;
 mod memory;
-mod merged;
+mod moves;
+mod state;
 mod upkeep;
+mod window;
+
+use std::collections::VecDeque;
 
 use nalgebra::{Matrix2, Matrix3, RowVector3, Vector2};
 use protocol::appearance::Appearance;
@@ -38,10 +40,10 @@ use crate::leader::config::TargetConfig;
 use crate::stereo::range_cue::{CameraFacts, RangeCue};
 use crate::stereo::target::{BearingFrom, Innovation, Target};
 use birth::Candidate;
-use exchange::Exchange;
 use identity::{Looks, Past};
-use likelihood::{Fit, stretch};
 use memory::Memory;
+use state::{Context, Seen, State};
+use window::Kept;
 
 /// Most targets followed at once.
 const MAX_TARGETS: usize = 256;
@@ -51,19 +53,10 @@ const MAX_MEMORIES: usize = 1024;
 const MERGED_SPREAD: f64 = 0.3;
 /// Updates after which a target is believed.
 const CONFIRMED_UPDATES: u32 = 6;
-/// Variance below which the height of a top does not fall, m².
-const TOP_FLOOR_VAR: f64 = 0.0016;
-/// A frame never counts for less than this part of a frame with an error of its own.
-const MOST_REPEAT: f64 = 2.5;
-/// Where the rays leave the place so unsure (larger axis, metres), ranges from feet, head and width help.
-const UNSURE_M: f64 = 0.15;
-/// How much less a range from feet, head and width says with every frame: the gait, the clothes, the shadow stay.
-const RANGE_REPEAT: f64 = 10.0;
 /// What a robot followed this long ago it still follows, seconds.
 const PRESENT_S: f64 = 0.3;
-/// By how many nats an assignment must be the best one for the track to move its target: of a track that is sure who it is, and
-/// of one that was with others.
-const CLEAR: [f64; 2] = [1.0, 2.0];
+/// Most frames that are kept.
+const MAX_WINDOW: usize = 1200;
 /// A target counts as seen by a robot for so long after its last bearing, seconds.
 pub const OBSERVED_S: f64 = 0.35;
 
@@ -74,7 +67,7 @@ pub struct Follower {
     targets: Vec<Followed>,
     memories: Vec<Memory>,
     candidates: Vec<Candidate>,
-    exchanges: Vec<Exchange>,
+    window: VecDeque<Kept>,
     departed: Vec<Followed>,
     vacated: Vec<(Vector2<f64>, Timestamp)>,
     next_id: u32,
@@ -86,16 +79,10 @@ pub struct Follower {
 pub struct Followed {
     /// Its number in the team.
     pub id: TargetId,
-    /// Its filter.
-    pub target: Target,
-    /// Last bearing by each robot, and whether it was of the object alone.
-    pub observers: Vec<(usize, Timestamp)>,
-    /// Last bearing at all.
-    pub last: Timestamp,
-    updates: u32,
-    two_robots: bool,
-    /// Half of its width, m.
-    half_width_m: f64,
+    /// What is measured of it.
+    pub state: State,
+    /// Its states before the frames of the window.
+    trail: VecDeque<State>,
     past: Past,
     /// What it looks like.
     looks: Looks,
@@ -120,7 +107,7 @@ pub struct Frame<'a> {
 
 /// A measured track, ready for use.
 #[derive(Debug, Clone, Copy)]
-struct Sight {
+pub struct Sight {
     track: TrackId,
     bearing_rad: f64,
     sigma_rad: f64,
@@ -133,7 +120,9 @@ struct Sight {
     top: Option<(f64, f64)>,
     /// It was with others of late, and may be somebody else than before.
     doubtful: bool,
-    /// What it looks like, in the frames in which that is told.
+    /// Density of tracks of nobody at its bearing, 1/rad.
+    clutter: f64,
+    /// What it looks like, as last told.
     appearance: Option<Appearance>,
     /// A fellow robot that moves explains it.
     peer: bool,
@@ -147,7 +136,7 @@ impl Follower {
             targets: Vec::new(),
             memories: Vec::new(),
             candidates: Vec::new(),
-            exchanges: Vec::new(),
+            window: VecDeque::new(),
             departed: Vec::new(),
             vacated: Vec::new(),
             next_id: 1,
@@ -162,12 +151,17 @@ impl Follower {
 
     /// Robots' poses were corrected, robots left their stations.
     pub fn follow_changes(&mut self, changes: &Changes, at: Timestamp) {
+        if !changes.left.is_empty() {
+            self.settle();
+        }
         for followed in &mut self.targets {
-            for (robot, shift) in &changes.shifts {
-                followed.target.shift(*robot, shift);
-            }
-            for (robot, _, covariance) in &changes.left {
-                followed.target.forget(*robot, covariance);
+            for state in followed.trail.iter_mut().chain([&mut followed.state]) {
+                for (robot, shift) in &changes.shifts {
+                    state.target.shift(*robot, shift);
+                }
+                for (robot, _, covariance) in &changes.left {
+                    state.target.forget(*robot, covariance);
+                }
             }
         }
         for (robot, pose, _) in &changes.left {
@@ -186,25 +180,38 @@ impl Follower {
     /// Works on one frame.
     pub fn observe(&mut self, frame: &Frame<'_>, calibrator: &Calibrator) {
         self.newest = self.newest.max(frame.at);
-        for followed in &mut self.targets {
-            followed.target.predict(self.newest);
-        }
-        let sights = self.sights(frame, calibrator);
+        let mut sights = self.sights(frame, calibrator);
         self.remember(frame, &sights);
-        let assigned = self.assign(frame, &sights, calibrator);
-        for (sight, target) in sights.iter().zip(&assigned) {
-            match target {
-                Some((t, fit)) if !sight.region => self.measure(frame, sight, *t, fit),
-                Some(_) => {}
-                None => self.memories.iter_mut().filter(|m| m.is(frame.robot, sight.track)).for_each(Memory::miss),
-            }
+        for sight in &mut sights {
+            let memory = self.memories.iter().find(|m| m.is(frame.robot, sight.track));
+            sight.appearance = memory.and_then(|m| m.appearance);
         }
-        let members: Vec<Option<usize>> = assigned.iter().map(|a| a.map(|(t, _)| t)).collect();
-        self.measure_merged(frame, &sights, &members, calibrator);
-        self.exchange(frame, calibrator);
-        self.give_birth(frame, &sights, calibrator);
+        let config = self.config;
+        let context = Context { config: &config, calibrator };
+        let owners = sights.iter().map(|s| self.memories.iter().find(|m| m.is(frame.robot, s.track))?.bound).collect();
+        let seen = Seen {
+            robot: frame.robot,
+            at: frame.at,
+            at_sigma_s: frame.at_sigma_s,
+            newest: self.newest,
+            pose: frame.pose,
+            camera: frame.camera,
+            covered: frame.tracks.iter().map(|t| (t.bearing.rad(), 0.5 * t.width.rad().abs())).collect(),
+            sights: sights.clone(),
+        };
+        self.keep(Kept { seen, owners }, &context);
+        self.reconsider(&context);
+        self.give_birth(frame, &sights, &context);
         self.keep_up(calibrator);
         self.keep_past();
+        if tune("DUMP", 0.0) > 0.0 {
+            eprintln!("T {:.3} robot {} n {}", frame.at.as_secs_f64(), frame.robot, self.window.len());
+            let list: Vec<String> = self.targets.iter().map(|f| {
+                let tracks: Vec<String> = self.memories.iter().filter(|m| m.bound == Some(f.id) && self.newest.seconds_since(m.last) < PRESENT_S).map(|m| format!("r{}:{}", m.robot + 1, m.track.0)).collect();
+                format!("{}{}({:.2},{:.2}±{:.2})[{}]", if f.is_confirmed() {""} else {"?"}, f.id.0, f.state.target.position().x, f.state.target.position().y, f.state.target.sigma_m(), tracks.join(" "))
+            }).collect();
+            eprintln!("H {:.1} {}", 0.0, list.join(" "));
+        }
     }
 
     fn sights(&self, frame: &Frame<'_>, calibrator: &Calibrator) -> Vec<Sight> {
@@ -232,6 +239,7 @@ impl Follower {
                     top: seen_top
                         .then(|| (t.elevation[1].rad(), t.elevation_sigma.value().hypot(frame.camera.tilt_sigma_rad))),
                     doubtful: t.doubtful,
+                    clutter: likelihood::clutter_of_tracks(frame, t),
                     appearance: t.appearance.as_ref().map(Appearance::from_bytes),
                     peer: t.class == protocol::message::ObjectClass::Robot
                         || peers.iter().any(|(b, half)| protocol::angle::difference(*b, bearing_rad).abs() < *half),
@@ -252,103 +260,19 @@ impl Follower {
             })
             .collect()
     }
-
-    /// A sight as a bearing of a target at `range_m`. `repeat` weighs down frames whose errors are alike.
-    fn bearing(&self, frame: &Frame<'_>, sight: &Sight, range_m: f64, repeat: f64) -> BearingFrom {
-        let range_m = range_m.max(0.3);
-        let sway = self.config.axis_sway_m / range_m;
-        let timing = 1.2 * frame.at_sigma_s / range_m;
-        let var = (sight.sigma_rad.powi(2) + sway * sway) * repeat + timing * timing;
-        BearingFrom { robot: frame.robot, pose: frame.pose, bearing_rad: sight.bearing_rad, var, at: frame.at }
-    }
-
-    fn measure(&mut self, frame: &Frame<'_>, sight: &Sight, t: usize, fit: &Fit) {
-        let id = self.targets[t].id;
-        let Some(memory) = self.memories.iter_mut().find(|m| m.is(frame.robot, sight.track)) else { return };
-        if !memory.hit(id, fit.d2) {
-            return;
-        }
-        if let (false, Some(looks)) = (sight.doubtful, memory.appearance_of_bound()) {
-            self.targets[t].looks.see(frame.robot, &looks);
-        }
-        if fit.margin < CLEAR[usize::from(sight.doubtful)] {
-            // It may as well be another's: it moves nobody.
-            return;
-        }
-        let followed_alone = self.is_seen_by_one(t, frame);
-        let repeat = self.repeat(t, frame);
-        let range_m = fit.range_m;
-        let mut m = self.bearing(frame, sight, range_m, repeat);
-        m.var *= stretch(fit.d2);
-        self.use_bearing(t, &m);
-        if sight.merged {
-            return;
-        }
-        let followed = &mut self.targets[t];
-        if followed.target.sigma_m() < 0.2 && sight.half_width_rad > 0.0 {
-            followed.half_width_m +=
-                0.05 * ((sight.half_width_rad.tan() * range_m).clamp(0.1, 0.6) - followed.half_width_m);
-        }
-        let unsure = followed_alone || followed.target.sigma_m() > UNSURE_M;
-        if let (true, Some((log_range, spread))) = (unsure, sight.cue.log_range) {
-            let cue_m = log_range.exp();
-            followed.target.update_range(&frame.pose, cue_m, (spread * cue_m).powi(2) * RANGE_REPEAT);
-        }
-        if let Some((elevation, sigma)) = sight.top {
-            let range_var = followed.target.sigma_m().powi(2);
-            let (top, var) =
-                crate::stereo::triangulate::height_m(frame.camera.height_m, range_m, elevation, sigma, range_var);
-            followed.target.update_top(top, var * repeat + TOP_FLOOR_VAR, TOP_FLOOR_VAR);
-        }
-    }
-}
-
-impl Follower {
-    /// Whether no other robot has seen the target of late.
-    fn is_seen_by_one(&self, t: usize, frame: &Frame<'_>) -> bool {
-        let observers = &self.targets[t].observers;
-        observers.iter().all(|(r, at)| *r == frame.robot || frame.at.seconds_since(*at) > OBSERVED_S)
-    }
-
-    /// How much less a frame says because its error is like that of the frame before.
-    fn repeat(&self, t: usize, frame: &Frame<'_>) -> f64 {
-        let before = self.targets[t].observers.iter().find(|(r, _)| *r == frame.robot).map(|(_, at)| *at);
-        let since_s = before.map_or(1.0, |b| frame.at.seconds_since(b)).max(1e-3);
-        (2.0 * self.config.correlation_s / since_s).clamp(1.0, MOST_REPEAT)
-    }
-
-    /// Updates a target and its book-keeping by a bearing that has passed all gates.
-    fn use_bearing(&mut self, t: usize, m: &BearingFrom) {
-        let alone =
-            self.targets[t].observers.iter().all(|(r, at)| *r == m.robot || m.at.seconds_since(*at) > OBSERVED_S);
-        let followed = &mut self.targets[t];
-        followed.target.update(m);
-        followed.two_robots |= !alone;
-        followed.last = followed.last.max(m.at);
-        followed.updates += 1;
-        match followed.observers.iter_mut().find(|(r, _)| *r == m.robot) {
-            Some((_, at)) => *at = m.at,
-            None => followed.observers.push((m.robot, m.at)),
-        }
-    }
 }
 
 impl Followed {
     /// Whether it may be shown: believed, seen by two robots, sure enough.
     pub fn is_confirmed(&self) -> bool {
-        self.updates >= CONFIRMED_UPDATES && self.two_robots
-    }
-
-    /// Whether a robot has seen it within so many seconds of `at`.
-    fn is_seen_by(&self, robot: usize, at: Timestamp, within_s: f64) -> bool {
-        self.observers.iter().any(|(r, seen)| *r == robot && at.seconds_since(*seen).abs() < within_s)
+        self.state.updates >= CONFIRMED_UPDATES && self.state.two_robots
     }
 
     /// Position covariance with the poses' part, m².
     pub fn covariance(&self, calibrator: &Calibrator) -> Matrix2<f64> {
-        let mut sum = self.target.own_covariance();
-        for (a, da) in self.target.dependence() {
-            for (b, db) in self.target.dependence() {
+        let mut sum = self.state.target.own_covariance();
+        for (a, da) in self.state.target.dependence() {
+            for (b, db) in self.state.target.dependence() {
                 sum += da * calibrator.covariance(a, b) * db.transpose();
             }
         }
@@ -376,4 +300,15 @@ fn gate_distance2(innovation: &Innovation, target: &Target, m: &BearingFrom, cal
 
 fn quadratic(row: &RowVector3<f64>, cov: &Matrix3<f64>) -> f64 {
     (row * cov * row.transpose())[0]
+}
+
+pub fn tune(name: &str, default: f64) -> f64 {
+    use std::collections::HashMap;
+    use std::sync::{Mutex, OnceLock};
+    static VALUES: OnceLock<Mutex<HashMap<String, f64>>> = OnceLock::new();
+    let mut values = VALUES.get_or_init(Default::default).lock().unwrap();
+    if let Some(v) = values.get(name) { return *v; }
+    let v = std::env::var(name).ok().and_then(|v| v.parse().ok()).unwrap_or(default);
+    values.insert(name.to_string(), v);
+    v
 }

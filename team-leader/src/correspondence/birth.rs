@@ -18,15 +18,16 @@ use protocol::id::{TargetId, TrackId};
 use protocol::time::Timestamp;
 
 use super::explanation::{Explanation, RANGE_WORTH};
+use super::state::{Context, State};
+use super::window::{Change, Proposal};
 use super::identity::{Looks, Past};
 use super::likelihood::log_student;
 use super::memory::Memory;
+use super::moves::LEAST_COUNT;
 use super::{Followed, Follower, Frame, MAX_TARGETS, PRESENT_S, Sight};
 use crate::calibration::live::Calibrator;
 use crate::stereo::target::Target;
 
-/// Frames in which a track must have been seen before it counts.
-const LEAST_COUNT: u32 = 3;
 /// Nobody stands inside a robot, metres from its axis.
 const ROBOT_M: f64 = 0.3;
 /// A robot that left its place leaves a false change there, for so long (s) and so near (m).
@@ -77,7 +78,8 @@ struct Weighed {
 
 impl Follower {
     /// Gathers evidence for the loose tracks of this frame, and makes targets of the clear ones.
-    pub(super) fn give_birth(&mut self, frame: &Frame<'_>, sights: &[Sight], calibrator: &Calibrator) {
+    pub(super) fn give_birth(&mut self, frame: &Frame<'_>, sights: &[Sight], context: &Context<'_>) {
+        let calibrator = context.calibrator;
         let loose = |m: &&Memory| !m.peer && m.count >= LEAST_COUNT;
         let mine: Vec<Memory> = sights
             .iter()
@@ -106,7 +108,7 @@ impl Follower {
         }
         let mut placed = Vec::new();
         for tracks in self.clear_candidates() {
-            placed.extend(self.make_target(frame, &tracks, &placed, calibrator));
+            placed.extend(self.make_target(&tracks, &placed, context));
         }
     }
 
@@ -232,84 +234,136 @@ impl Follower {
         first.is_some() && targets.all(|t| t == first)
     }
 
-    /// Makes a target of tracks, or places one anew that most of them were of. Gives which.
-    fn make_target(
-        &mut self,
-        frame: &Frame<'_>,
-        tracks: &[Key],
-        placed: &[TargetId],
-        calibrator: &Calibrator,
-    ) -> Option<TargetId> {
+    /// Makes a target of tracks where that explains the window better. Gives which.
+    fn make_target(&mut self, tracks: &[Key], placed: &[TargetId], context: &Context<'_>) -> Option<TargetId> {
         let find = |key: &Key| self.memories.iter().find(|m| m.is(key.0, key.1)).cloned();
         let members: Vec<(Memory, Pose2)> =
-            tracks.iter().filter_map(|key| Some((find(key)?, calibrator.station(key.0)?))).collect();
+            tracks.iter().filter_map(|key| Some((find(key)?, context.calibrator.station(key.0)?))).collect();
         if members.len() < tracks.len() || self.targets.len() >= MAX_TARGETS {
             return None;
         }
         let set: Vec<(&Memory, Pose2)> = members.iter().map(|(m, pose)| (m, *pose)).collect();
-        let Explanation { position, .. } = self.explain(&set, frame.at)?;
-        let mut target =
-            Target::new(position, self.newest, self.config.acceleration_m2ps3, self.config.person_height_m);
-        for (m, pose) in &members {
-            target.update(&self.bearing_of(m, pose, position, frame.at));
-        }
-        let top = Self::top_of(&set, position);
+        let (proposal, newborn) = self.best_birth(tracks, context)?;
+        let position = newborn.state.target.position();
+        let _ = position;
         let newest = self.newest;
+        let state = proposal.last_state(newborn.id)?;
+        let position = state.target.position();
+        let top = Self::top_of(&set, position);
         let looks = Self::looks_of(&set);
-        let id = self.former(&members, placed, position, top, &looks).unwrap_or_else(|| {
-            let seen = |f: &Followed| tracks.iter().any(|(robot, _)| f.is_seen_by(*robot, newest, PRESENT_S));
+        let id = newborn.id;
+        let before: Vec<(TargetId, usize)> =
+            self.targets.iter().map(|f| (f.id, members.iter().filter(|(m, _)| m.bound == Some(f.id)).count())).collect();
+        self.targets.push(newborn);
+        self.accept(proposal);
+        // Those whom it took all from are it, or nobody.
+        let bereft = |f: &Followed| {
+            f.id != id && before.iter().any(|(b, n)| *b == f.id && *n > 0) && self.present_tracks(f.id).is_empty()
+        };
+        let former = self
+            .targets
+            .iter()
+            .filter(|f| bereft(f) && !placed.contains(&f.id))
+            .map(|f| (self.resemblance(f, position, top, &looks), f.id))
+            .filter(|(nats, _)| *nats > 0.0)
+            .max_by(|x, y| x.0.total_cmp(&y.0))
+            .map(|(_, id)| id);
+        let name = former.unwrap_or_else(|| {
+            let seen = |f: &Followed| {
+                f.id == id || tracks.iter().any(|(robot, _)| f.state.is_seen_by(*robot, newest, PRESENT_S))
+            };
             self.recognise(position, top, &looks, |f| placed.contains(&f.id) || seen(f))
         });
-        for m in self.memories.iter_mut().filter(|m| tracks.contains(&(m.robot, m.track))) {
-            if m.bound != Some(id) {
-                m.bind(id);
-            }
-        }
-        let observers: Vec<(usize, Timestamp)> = members.iter().map(|(m, _)| (m.robot, m.last)).collect();
-        if let Some(old) = self.targets.iter_mut().find(|f| f.id == id) {
-            target.keep_top(&old.target);
-            (old.target, old.observers, old.last) = (target, observers, frame.at);
-            // What it had beside these is not its own any more.
-            let robots: Vec<usize> = tracks.iter().map(|(robot, _)| *robot).collect();
-            let others =
-                self.memories.iter_mut().filter(|m| m.bound == Some(id) && !tracks.contains(&(m.robot, m.track)));
-            others.filter(|m| robots.contains(&m.robot)).for_each(Memory::release);
-            return Some(id);
-        }
-        self.targets.push(Followed {
-            id,
-            target,
-            observers,
-            last: frame.at,
-            updates: 2,
-            two_robots: true,
-            half_width_m: 0.23,
-            past: Past::default(),
-            looks: Looks::default(),
-        });
-        Some(id)
+        self.rename(id, name);
+        Some(name)
     }
 
-    /// Of the targets that the tracks belonged to, the one that keeps its number: that it resembles most, if it resembles it
-    /// at all and the target has not as many tracks elsewhere.
-    fn former(
-        &self,
-        members: &[(Memory, Pose2)],
-        placed: &[TargetId],
-        position: Vector2<f64>,
-        top_m: Option<f64>,
-        looks: &[Appearance],
-    ) -> Option<TargetId> {
-        let newest = self.newest;
-        let value = |f: &Followed| {
-            let own = members.iter().filter(|(m, _)| m.bound == Some(f.id)).count();
-            let present = |m: &&Memory| m.bound == Some(f.id) && newest.seconds_since(m.last) < PRESENT_S;
-            let all = self.memories.iter().filter(present).count();
-            let nats = self.resemblance(f, position, top_m, looks);
-            (own > 0 && 2 * own >= all && nats > 0.0).then_some(nats)
-        };
-        let candidates = self.targets.iter().filter(|f| !placed.contains(&f.id));
-        candidates.filter_map(|f| Some((value(f)?, f.id))).max_by(|x, y| x.0.total_cmp(&y.0)).map(|(_, id)| id)
+    /// The newborn gets its number; who had it before is gone.
+    fn rename(&mut self, id: TargetId, name: TargetId) {
+        let old = self.targets.iter().position(|f| f.id == name).map(|k| self.targets.remove(k));
+        let old = old.or_else(|| {
+            let k = self.departed.iter().position(|f| f.id == name)?;
+            Some(self.departed.swap_remove(k))
+        });
+        for m in &mut self.memories {
+            if m.bound == Some(name) {
+                m.bound = None;
+            }
+            if m.bound == Some(id) {
+                m.bound = Some(name);
+            }
+        }
+        for owner in self.window.iter_mut().flat_map(|k| &mut k.owners) {
+            if *owner == Some(name) {
+                *owner = None;
+            }
+            if *owner == Some(id) {
+                *owner = Some(name);
+            }
+        }
+        if let Some(f) = self.targets.iter_mut().find(|f| f.id == id) {
+            f.id = name;
+            if let Some(old) = old {
+                f.state.target.keep_top(&old.state.target);
+                (f.past, f.looks) = (old.past, old.looks);
+                f.state.updates = f.state.updates.max(old.state.updates);
+            }
+        }
+    }
+
+    /// A target of these tracks, from where in the window it explains most; `None` where it explains nothing better.
+    fn best_birth(&self, tracks: &[Key], context: &Context<'_>) -> Option<(Proposal, Followed)> {
+        let id = TargetId(u32::MAX);
+        let changes: Vec<Change> =
+            tracks.iter().map(|(robot, track)| Change { robot: *robot, track: *track, to: Some(id) }).collect();
+        let price: f64 = changes.iter().map(|c| if self.is_owned(c) { self.price(c) } else { 0.0 }).sum();
+        let firsts: Vec<usize> = tracks.iter().filter_map(|(r, t)| self.first_seen(*r, *t)).collect();
+        let together = firsts.iter().copied().max()?;
+        let recent = self.window.iter().position(|k| self.newest.seconds_since(k.seen.at) < 0.6).unwrap_or(0);
+        let unsure = tracks.iter().filter_map(|(r, t)| self.last_unsure(*r, *t)).max().unwrap_or(0);
+        let mut starts = [together, recent.max(together), unsure.max(together)];
+        starts.sort_unstable();
+        let mut best: Option<(f64, Proposal, Followed)> = None;
+        for (n, &from) in starts.iter().enumerate() {
+            if n > 0 && starts[n - 1] == from {
+                continue;
+            }
+            let Some(position) = self.crossing_at(tracks, from, context) else { continue };
+            let at = self.window[from].seen.newest;
+            let target = Target::new(position, at, self.config.acceleration_m2ps3, self.config.person_height_m);
+            let state = State::new(target, at);
+            let newborn = Followed {
+                id,
+                trail: std::iter::repeat_n(state.clone(), self.window.len() - from).collect(),
+                state,
+                past: Past::default(),
+                looks: Looks::default(),
+            };
+            let proposal = self.evaluate(from, changes.clone(), Some(&newborn), context);
+            let net = proposal.gain - price - super::tune("BIRTH", 3.0);
+            if net > best.as_ref().map_or(0.0, |(b, ..)| *b) {
+                best = Some((net, proposal, newborn));
+            }
+        }
+        best.map(|(_, proposal, newborn)| (proposal, newborn))
+    }
+
+    fn is_owned(&self, c: &Change) -> bool {
+        self.memories.iter().any(|m| m.is(c.robot, c.track) && m.bound.is_some())
+    }
+
+    /// Where the rays of tracks cross in the frames from `from` on.
+    fn crossing_at(&self, tracks: &[Key], from: usize, context: &Context<'_>) -> Option<Vector2<f64>> {
+        let rays: Vec<(Pose2, f64)> = tracks
+            .iter()
+            .filter_map(|(robot, track)| {
+                let pose = context.calibrator.station(*robot)?;
+                let sights = self.window.iter().skip(from).filter(|k| k.seen.robot == *robot);
+                let sight = sights.flat_map(|k| &k.seen.sights).find(|s| s.track == *track)?;
+                Some((pose, sight.bearing_rad))
+            })
+            .collect();
+        super::explanation::widest_crossing(&rays)
     }
 
     pub(super) fn forget_vacated(&mut self) {

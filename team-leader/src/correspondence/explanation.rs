@@ -50,7 +50,8 @@ pub struct Explanation {
 impl Follower {
     /// One object for all these tracks at `at`; `None` where no place on the floor is.
     pub(super) fn explain(&self, tracks: &[(&Memory, Pose2)], at: Timestamp) -> Option<Explanation> {
-        let mut position = self.widest_crossing(tracks, at)?;
+        let rays: Vec<(Pose2, f64)> = tracks.iter().map(|(m, pose)| (*pose, m.bearing_at(at))).collect();
+        let mut position = widest_crossing(&rays)?;
         let mut information = Matrix2::zeros();
         let mut rays = Vec::with_capacity(tracks.len());
         for step in 0..=STEPS {
@@ -98,25 +99,25 @@ impl Follower {
         }
         Some(Explanation { log_ratio, position, covariance })
     }
+}
 
-    /// Where the two rays meet that meet at the largest angle.
-    fn widest_crossing(&self, tracks: &[(&Memory, Pose2)], at: Timestamp) -> Option<Vector2<f64>> {
-        let mut best: Option<(f64, Vector2<f64>)> = None;
-        for (n, (a, pose_a)) in tracks.iter().enumerate() {
-            for (b, pose_b) in &tracks[n + 1..] {
-                let met = triangulate(&StereoBearings {
-                    target_1_rad: a.bearing_at(at),
-                    target_2_rad: b.bearing_at(at),
-                    bearing_21_rad: pose_a.bearing_to(pose_b.position()),
-                    bearing_12_rad: pose_b.bearing_to(pose_a.position()),
-                    baseline_m: (pose_b.position() - pose_a.position()).norm(),
-                })?;
-                let sine = met.parallax_rad.sin();
-                if sine > best.map_or(LEAST_PARALLAX, |(sine, _)| sine) {
-                    best = Some((sine, pose_a.transform(met.position_m)));
-                }
+/// Where the two rays (pose and bearing) meet that meet at the largest angle.
+pub fn widest_crossing(rays: &[(Pose2, f64)]) -> Option<Vector2<f64>> {
+    let mut best: Option<(f64, Vector2<f64>)> = None;
+    for (n, (pose_a, a)) in rays.iter().enumerate() {
+        for (pose_b, b) in &rays[n + 1..] {
+            let met = triangulate(&StereoBearings {
+                target_1_rad: *a,
+                target_2_rad: *b,
+                bearing_21_rad: pose_a.bearing_to(pose_b.position()),
+                bearing_12_rad: pose_b.bearing_to(pose_a.position()),
+                baseline_m: (pose_b.position() - pose_a.position()).norm(),
+            })?;
+            let sine = met.parallax_rad.sin();
+            if sine > best.map_or(LEAST_PARALLAX, |(sine, _)| sine) {
+                best = Some((sine, pose_a.transform(met.position_m)));
             }
         }
-        best.map(|(_, position)| position)
     }
+    best.map(|(_, position)| position)
 }

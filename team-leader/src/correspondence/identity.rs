@@ -95,8 +95,8 @@ impl Follower {
     /// Keeps the states of all targets that have been measured.
     pub(super) fn keep_past(&mut self) {
         let newest = self.newest;
-        for f in self.targets.iter_mut().filter(|f| newest.seconds_since(f.last) < PRESENT_S) {
-            f.past.keep(newest, f.target.position(), f.target.velocity());
+        for f in self.targets.iter_mut().filter(|f| newest.seconds_since(f.state.last) < PRESENT_S) {
+            f.past.keep(newest, f.state.target.position(), f.state.target.velocity());
         }
     }
 
@@ -109,7 +109,7 @@ impl Follower {
         looks: &[Appearance],
     ) -> f64 {
         let by_place = known.past.log_density(position, self.newest) - NEW_PLACE.ln();
-        let ((mean, var), seen) = known.target.top_m();
+        let ((mean, var), seen) = known.state.target.top_m();
         let by_top = top_m.filter(|_| seen).map_or(0.0, |top| {
             let var = var + TOP_M * TOP_M;
             let right = (-0.5 * (top - mean).powi(2) / var).exp() / (TAU * var).sqrt();
@@ -143,7 +143,7 @@ impl Follower {
         taken: impl Fn(&Followed) -> bool,
     ) -> TargetId {
         let newest = self.newest;
-        self.departed.retain(|d| newest.seconds_since(d.last) < REMEMBERED_S);
+        self.departed.retain(|d| newest.seconds_since(d.state.last) < REMEMBERED_S);
         let coasting = self.targets.iter().filter(|f| f.is_confirmed() && !taken(f));
         let found = coasting
             .chain(&self.departed)

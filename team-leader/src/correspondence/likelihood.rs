@@ -9,8 +9,9 @@ use std::f64::consts::TAU;
 use protocol::angle::wrap;
 use protocol::id::TargetId;
 
-use super::{Follower, Frame, PRESENT_S, Sight, gate_distance2};
-use crate::calibration::live::Calibrator;
+use protocol::message::{TrackObservation, TrackState};
+
+use super::{Follower, Frame, PRESENT_S};
 
 /// Degrees of freedom of Student's t.
 const NU: f64 = 4.0;
@@ -22,11 +23,6 @@ const PIECES: f64 = 0.4;
 /// How far from a body's axis its pieces lie, standard deviation in metres.
 const PIECE_M: f64 = 0.2;
 
-/// What a squared sigma of a single robot's range is worth, nats, where the target's is known to this part: ranges of feet
-/// and heads err alike from frame to frame.
-const CUE_WORTH: f64 = 0.25;
-const KNOWN_RANGE: f64 = 0.3;
-
 /// Log-density of a residual of squared distance `d2` and variance `var`.
 pub fn log_student(d2: f64, var: f64) -> f64 {
     LOG_STUDENT - 0.5 * var.ln() - 0.5 * (NU + 1.0) * (1.0 + d2 / NU).ln()
@@ -37,34 +33,20 @@ pub fn stretch(d2: f64) -> f64 {
     ((NU + d2) / (NU + 1.0)).max(1.0)
 }
 
-/// A track and a target.
-#[derive(Debug, Clone, Copy)]
-pub struct Fit {
-    /// Squared residual over its variance, all errors counted.
-    pub d2: f64,
-    /// How far away the target is, m.
-    pub range_m: f64,
-    /// Track of the target against clutter, nats.
-    pub log_ratio: f64,
-    /// By how much this assignment is better than another one, nats.
-    pub margin: f64,
+/// Density of tracks of nobody (1/rad) at a track's bearing: anywhere, and pieces of the bodies that the robot follows beside it.
+pub fn clutter_of_tracks(frame: &Frame<'_>, track: &TrackObservation) -> f64 {
+    let mut density = CLUTTER / TAU;
+    let others = frame.tracks.iter().filter(|o| o.track != track.track && o.state != TrackState::Hidden);
+    for other in others {
+        let half = 0.5 * other.width.rad().abs();
+        let sigma = half.clamp(0.03, 0.4);
+        let off = wrap(track.bearing.rad() - other.bearing.rad()) / sigma;
+        density += super::tune("PIECES", PIECES) * (-0.5 * off * off).exp() / (sigma * TAU.sqrt());
+    }
+    density
 }
 
 impl Follower {
-    /// How well a sight fits target `t`.
-    pub(super) fn fit(&self, frame: &Frame<'_>, sight: &Sight, t: usize, calibrator: &Calibrator) -> Fit {
-        let target = &self.targets[t].target;
-        let rough = self.bearing(frame, sight, 3.0, 1.0);
-        let range_m = target.innovation(&rough).range_m;
-        let m = self.bearing(frame, sight, range_m, 1.0);
-        let innovation = target.innovation(&m);
-        let (d2, var) = gate_distance2(&innovation, target, &m, calibrator);
-        let known_range = target.sigma_m() < KNOWN_RANGE * range_m;
-        let cue = if known_range { CUE_WORTH * sight.cue.cost(range_m) } else { 0.0 };
-        let clutter = self.clutter(frame.robot, &frame.pose, sight.bearing_rad, frame.at, Some(self.targets[t].id));
-        Fit { d2, range_m, log_ratio: log_student(d2, var) - clutter.ln() - cue, margin: f64::INFINITY }
-    }
-
     /// Density of tracks (1/rad) at a bearing that are no further person: anywhere, and pieces of the targets that the robot
     /// follows, but for target `except`.
     pub(super) fn clutter(
@@ -77,12 +59,12 @@ impl Follower {
     ) -> f64 {
         let mut density = CLUTTER / TAU;
         for followed in self.targets.iter().filter(|f| Some(f.id) != except) {
-            if !followed.is_seen_by(robot, at, PRESENT_S) {
+            if !followed.state.is_seen_by(robot, at, PRESENT_S) {
                 continue;
             }
-            let away = followed.target.position() - pose.position();
+            let away = followed.state.target.position() - pose.position();
             let sigma = (PIECE_M / away.norm().max(0.3)).min(0.5);
-            let off = wrap(bearing_rad - pose.bearing_to(followed.target.position())) / sigma;
+            let off = wrap(bearing_rad - pose.bearing_to(followed.state.target.position())) / sigma;
             density += PIECES * (-0.5 * off * off).exp() / (sigma * TAU.sqrt());
         }
         density

@@ -1,4 +1,4 @@
-//! What is remembered of a track of one robot, and to which target it is bound.
+//! What is remembered of a track of one robot, and whose it is.
 
 use protocol::angle::wrap;
 use protocol::appearance::Appearance;
@@ -8,12 +8,6 @@ use protocol::time::Timestamp;
 use super::{Follower, Frame, MAX_MEMORIES, Sight};
 use crate::stereo::range_cue::RangeCue;
 
-/// Squared sigmas beyond which a bound track does not update its target.
-const UPDATE_GATE: f64 = 16.0;
-/// Misses in a row that end a binding.
-const STRIKES: u32 = 5;
-/// Frames with one target, apart from others, after which a track is that one's for good.
-const SETTLED_HITS: u32 = 10;
 /// A track unseen for longer is forgotten, seconds.
 const FORGOTTEN_S: f64 = 5.0;
 
@@ -46,17 +40,12 @@ pub struct Memory {
     pub top: Option<(f64, f64)>,
     /// What it looks like, as last told.
     pub appearance: Option<Appearance>,
-    /// The target it was bound to for long while it was apart from others.
-    pub settled: Option<TargetId>,
     /// Height of the camera that sees it, m.
     pub camera_height_m: f64,
     /// Frames in which it was seen.
     pub count: u32,
-    /// The target it is bound to.
+    /// Whose it is.
     pub bound: Option<TargetId>,
-    /// Frames that confirmed the binding.
-    pub hits: u32,
-    strikes: u32,
 }
 
 impl Memory {
@@ -68,46 +57,6 @@ impl Memory {
     /// Bearing at `at`, with the rate of late.
     pub fn bearing_at(&self, at: Timestamp) -> f64 {
         wrap(self.bearing_rad + self.rate_radps * at.seconds_since(self.last).clamp(-0.3, 0.3))
-    }
-
-    /// An assigned frame of squared distance `d2`: binds, confirms or strikes; true if the frame may update the target.
-    pub fn hit(&mut self, target: TargetId, d2: f64) -> bool {
-        if self.bound != Some(target) {
-            self.bind(target);
-        }
-        if d2 > UPDATE_GATE {
-            self.miss();
-            return false;
-        }
-        self.hits += 1;
-        self.strikes = 0;
-        if !self.doubtful && self.hits >= SETTLED_HITS {
-            self.settled = self.bound;
-        }
-        true
-    }
-
-    /// What it looks like, once it has been its target's for some frames.
-    pub fn appearance_of_bound(&self) -> Option<Appearance> {
-        self.appearance.filter(|_| self.hits >= SETTLED_HITS)
-    }
-
-    /// A frame in which the track is not its target's.
-    pub fn miss(&mut self) {
-        self.strikes += 1;
-        if self.strikes >= STRIKES {
-            self.release();
-        }
-    }
-
-    /// It is a target's from now on.
-    pub fn bind(&mut self, target: TargetId) {
-        (self.bound, self.hits, self.strikes) = (Some(target), 0, 0);
-    }
-
-    /// It is nobody's.
-    pub fn release(&mut self) {
-        (self.bound, self.hits, self.strikes) = (None, 0, 0);
     }
 }
 
@@ -132,12 +81,9 @@ impl Follower {
                         cue: sight.cue,
                         top: sight.top,
                         appearance: sight.appearance,
-                        settled: None,
                         camera_height_m: frame.camera.height_m,
                         count: 1,
                         bound: None,
-                        hits: 0,
-                        strikes: 0,
                     });
                 }
                 continue;

@@ -20,10 +20,10 @@ impl Follower {
         let forget_s = self.config.forget_after_s;
         let over = |f: &Followed| {
             let patience_s = if f.is_confirmed() { forget_s } else { TENTATIVE_S };
-            newest.seconds_since(f.last) > patience_s
-                || f.target.sigma_m() > LOST_M
+            newest.seconds_since(f.state.last) > patience_s
+                || f.state.target.sigma_m() > LOST_M
                 || calibrator.poses(newest).any(|(_, p)| {
-                    (p.position() - f.target.position()).norm() < INSIDE_M && f.target.sigma_m() < SURELY_M
+                    (p.position() - f.state.target.position()).norm() < INSIDE_M && f.state.target.sigma_m() < SURELY_M
                 })
         };
         let mut gone: Vec<usize> = (0..self.targets.len()).filter(|&t| over(&self.targets[t])).collect();
@@ -46,12 +46,12 @@ impl Follower {
     fn doubles(&self) -> Vec<usize> {
         let newest = self.newest;
         let current =
-            |f: &Followed| f.observers.iter().filter(|(_, at)| newest.seconds_since(*at) < OBSERVED_S).count();
+            |f: &Followed| f.state.observers.iter().filter(|(_, at)| newest.seconds_since(*at) < OBSERVED_S).count();
         let mut doubles = Vec::new();
         for (t, f) in self.targets.iter().enumerate() {
             let twin = self.targets.iter().enumerate().any(|(o, g)| {
                 o != t
-                    && (g.target.position() - f.target.position()).norm() < DOUBLE_M
+                    && (g.state.target.position() - f.state.target.position()).norm() < DOUBLE_M
                     && current(f) <= 1
                     && (current(g) > current(f) || (current(g) == current(f) && g.id < f.id))
             });

@@ -99,7 +99,7 @@ fn target_entry(
     config: &LeaderCoreConfig,
     stamp: Timestamp,
 ) -> Option<MapTarget> {
-    let mut target = followed.target.clone();
+    let mut target = followed.state.target.clone();
     target.predict(stamp);
     if followed.covariance(calibrator).symmetric_eigenvalues().max().sqrt() > config.targets.publish_below_m {
         return None;
@@ -117,6 +117,7 @@ fn target_entry(
         (0..2).flat_map(|row| blocks.iter().flat_map(move |b| b.row(row).iter().copied().collect::<Vec<_>>()));
     let velocity = target.velocity();
     let mut observers: Vec<RobotId> = followed
+        .state
         .observers
         .iter()
         .filter(|(_, at)| stamp.seconds_since(*at) < OBSERVED_S)
@@ -131,7 +132,7 @@ fn target_entry(
         own_covariance: [own[(0, 0)], own[(0, 1)], 0.0, own[(1, 1)], 0.0, z_var].map(|v| v as f32),
         pose_jacobian: jacobian.map(|v| v as f32).collect(),
         observers,
-        age_s: stamp.seconds_since(followed.last).max(0.0) as f32,
+        age_s: stamp.seconds_since(followed.state.last).max(0.0) as f32,
     })
 }
 

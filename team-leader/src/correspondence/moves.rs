@@ -1,0 +1,113 @@
+//! Which changes of owners are tried.
+
+use protocol::id::{TargetId, TrackId};
+
+use super::memory::Memory;
+use super::state::{Context, apart};
+use super::window::{Change, Proposal};
+use super::{Follower, PRESENT_S, tune};
+
+/// Frames in which a track must have been seen before it counts.
+pub const LEAST_COUNT: u32 = 3;
+/// Most changes made with one frame.
+const MOST_CHANGES: usize = 3;
+
+impl Follower {
+    /// Makes the changes of owners of the newest frame's tracks that explain the window better.
+    pub(super) fn reconsider(&mut self, context: &Context<'_>) {
+        for _ in 0..MOST_CHANGES {
+            let Some(best) = self.best_change(context) else { return };
+            self.accept(best);
+        }
+    }
+
+    fn best_change(&self, context: &Context<'_>) -> Option<Proposal> {
+        let newest = self.window.back()?;
+        let robot = newest.seen.robot;
+        let present: Vec<&Memory> = newest
+            .seen
+            .sights
+            .iter()
+            .filter_map(|s| self.memories.iter().find(|m| m.is(robot, s.track)))
+            .filter(|m| m.count >= LEAST_COUNT && !m.peer)
+            .collect();
+        let mut best: Option<(f64, Proposal)> = None;
+        let mut consider = |changes: Vec<Change>| {
+            let needed: f64 = changes.iter().map(|c| self.price(c)).sum();
+            for from in self.starts(&changes) {
+                let proposal = self.evaluate(from, changes.clone(), None, context);
+                let net = proposal.gain - needed;
+                if net > best.as_ref().map_or(0.0, |(n, _)| *n) {
+                    best = Some((net, proposal));
+                }
+            }
+        };
+        for m in &present {
+            for followed in self.targets.iter().filter(|f| m.bound != Some(f.id)) {
+                let away = followed.state.target.position() - newest.seen.pose.position();
+                let range_m = away.norm().max(0.3);
+                let predicted = newest.seen.pose.bearing_to(followed.state.target.position());
+                let reach = 0.1 + (0.5 + 2.0 * followed.state.target.sigma_m().min(1.0)) / range_m;
+                if apart(predicted, m.bearing_rad) > reach {
+                    continue;
+                }
+                let change = Change { robot, track: m.track, to: Some(followed.id) };
+                let holders: Vec<&Memory> = self
+                    .memories
+                    .iter()
+                    .filter(|o| o.robot == robot && o.bound == Some(followed.id) && o.track != m.track)
+                    .collect();
+                let released = |to: Option<TargetId>| -> Vec<Change> {
+                    let mut changes = vec![change];
+                    changes.extend(holders.iter().map(|o| Change { robot, track: o.track, to }));
+                    changes
+                };
+                consider(released(None));
+                if !holders.is_empty() && m.bound.is_some() && holders.len() == 1 {
+                    consider(released(m.bound));
+                }
+            }
+            if m.bound.is_some() {
+                consider(vec![Change { robot, track: m.track, to: None }]);
+            }
+        }
+        best.map(|(_, proposal)| proposal)
+    }
+
+    /// What a change must gain at least, nats.
+    pub(super) fn price(&self, change: &Change) -> f64 {
+        let memory = self.memories.iter().find(|m| m.is(change.robot, change.track));
+        let Some(m) = memory else { return 0.0 };
+        match (m.bound, change.to) {
+            (Some(_), Some(_)) if m.doubtful => tune("CHANGE_D", 1.0),
+            (Some(_), Some(_)) => tune("CHANGE", 3.0),
+            (None, Some(_)) => tune("ADOPT", 1.0),
+            (Some(_), None) => tune("RELEASE", 1.5),
+            (None, None) => 0.0,
+        }
+    }
+
+    /// Frames from which on the change may hold.
+    fn starts(&self, changes: &[Change]) -> Vec<usize> {
+        let mut starts = Vec::new();
+        let mut latest_first = 0;
+        for c in changes {
+            if let Some(first) = self.first_seen(c.robot, c.track) {
+                starts.push(first);
+                latest_first = latest_first.max(first);
+            }
+            starts.extend(self.last_unsure(c.robot, c.track));
+        }
+        let recent = self.window.iter().position(|k| self.newest.seconds_since(k.seen.at) < tune("RECENT", 0.5));
+        starts.extend(recent);
+        starts.sort_unstable();
+        starts.dedup();
+        starts
+    }
+
+    /// Tracks of a target that are present.
+    pub(super) fn present_tracks(&self, id: TargetId) -> Vec<(usize, TrackId)> {
+        let present = |m: &&Memory| m.bound == Some(id) && self.newest.seconds_since(m.last) < PRESENT_S;
+        self.memories.iter().filter(present).map(|m| (m.robot, m.track)).collect()
+    }
+}

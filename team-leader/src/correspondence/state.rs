@@ -1,0 +1,170 @@
+//! What the measurements so far make of one object, and how well it explains them.
+
+use protocol::angle::{difference, wrap};
+use protocol::frames::Pose2;
+use protocol::time::Timestamp;
+
+use super::identity::Looks;
+use super::likelihood::{log_student, stretch};
+use super::{OBSERVED_S, Sight, gate_distance2, tune};
+use crate::calibration::live::Calibrator;
+use crate::leader::config::TargetConfig;
+use crate::stereo::range_cue::CameraFacts;
+use crate::stereo::target::{BearingFrom, Target};
+use crate::stereo::triangulate::height_m;
+
+/// Variance below which the height of a top does not fall, m².
+const TOP_FLOOR_VAR: f64 = 0.0016;
+/// A frame never counts for less than this part of a frame with an error of its own.
+const MOST_REPEAT: f64 = 2.5;
+/// Where the rays leave the place so unsure (larger axis, metres), ranges from feet, head and width help.
+const UNSURE_M: f64 = 0.15;
+/// How much less a range from feet, head and width says with every frame: the gait, the clothes, the shadow stay.
+const RANGE_REPEAT: f64 = 10.0;
+/// What a squared sigma of a single robot's range is worth, nats, where the target's is known to this part: ranges of feet
+/// and heads err alike from frame to frame.
+const KNOWN_RANGE: f64 = 0.3;
+/// How far away a robot may miss people, metres.
+const SURE_RANGE_M: f64 = 6.0;
+
+/// What all judgements need.
+#[derive(Debug, Clone, Copy)]
+pub struct Context<'a> {
+    /// What targets are like.
+    pub config: &'a TargetConfig,
+    /// Where robots stand, how surely.
+    pub calibrator: &'a Calibrator,
+}
+
+/// A frame of the window: what one robot saw at one time.
+#[derive(Debug, Clone)]
+pub struct Seen {
+    /// Whose.
+    pub robot: usize,
+    /// Capture, leader's clock.
+    pub at: Timestamp,
+    /// Its standard deviation, seconds.
+    pub at_sigma_s: f64,
+    /// Newest capture of any robot then.
+    pub newest: Timestamp,
+    /// Where the robot stands.
+    pub pose: Pose2,
+    /// Its camera.
+    pub camera: CameraFacts,
+    /// The tracks that it measured.
+    pub sights: Vec<Sight>,
+    /// Bearing and half width of all its tracks, also of those that it only predicted, rad.
+    pub covered: Vec<(f64, f64)>,
+}
+
+impl Seen {
+    /// A sight as a bearing of a target at `range_m`. `repeat` weighs down frames whose errors are alike.
+    fn bearing(&self, config: &TargetConfig, sight: &Sight, range_m: f64, repeat: f64) -> BearingFrom {
+        let range_m = range_m.max(0.3);
+        let sway = config.axis_sway_m / range_m;
+        let timing = 1.2 * self.at_sigma_s / range_m;
+        let var = (sight.sigma_rad.powi(2) + sway * sway) * repeat + timing * timing;
+        BearingFrom { robot: self.robot, pose: self.pose, bearing_rad: sight.bearing_rad, var, at: self.at }
+    }
+}
+
+/// An object as measured so far.
+#[derive(Debug, Clone)]
+pub struct State {
+    /// Its filter.
+    pub target: Target,
+    /// Last bearing by each robot.
+    pub observers: Vec<(usize, Timestamp)>,
+    /// Last bearing at all.
+    pub last: Timestamp,
+    /// Bearings so far.
+    pub updates: u32,
+    /// Two robots have seen it at a time.
+    pub two_robots: bool,
+    /// How well it explains what it was given, against clutter, nats.
+    pub score: f64,
+}
+
+impl State {
+    /// Nothing was measured yet.
+    pub fn new(target: Target, at: Timestamp) -> Self {
+        Self { target, observers: Vec::new(), last: at, updates: 0, two_robots: false, score: 0.0 }
+    }
+
+    /// Whether a robot has seen it within so many seconds of `at`.
+    pub fn is_seen_by(&self, robot: usize, at: Timestamp, within_s: f64) -> bool {
+        self.observers.iter().any(|(r, seen)| *r == robot && at.seconds_since(*seen).abs() < within_s)
+    }
+
+    /// Goes on by a frame, in which `sight` is this object's.
+    pub fn take(&mut self, seen: &Seen, sight: Option<&Sight>, looks: &Looks, context: &Context<'_>) {
+        self.target.predict(seen.newest);
+        match sight {
+            Some(sight) => self.measure(seen, sight, looks, context),
+            None if self.should_be_seen(seen) => self.score -= tune("UNSEEN", 0.1),
+            None => {}
+        }
+    }
+
+    /// Whether the robot should have seen it in this frame.
+    fn should_be_seen(&self, seen: &Seen) -> bool {
+        if seen.covered.is_empty() {
+            return false;
+        }
+        let away = self.target.position() - seen.pose.position();
+        let range_m = away.norm().max(0.3);
+        let bearing = seen.pose.bearing_to(self.target.position());
+        range_m < SURE_RANGE_M
+            && !seen.covered.iter().any(|(b, half)| difference(*b, bearing).abs() < half + 0.2 / range_m)
+    }
+
+    fn measure(&mut self, seen: &Seen, sight: &Sight, looks: &Looks, context: &Context<'_>) {
+        let config = context.config;
+        let rough = seen.bearing(config, sight, 3.0, 1.0);
+        let range_m = self.target.innovation(&rough).range_m;
+        let mut m = seen.bearing(config, sight, range_m, 1.0);
+        let innovation = self.target.innovation(&m);
+        let (d2, var) = gate_distance2(&innovation, &self.target, &m, context.calibrator);
+        let sigma_m = self.target.sigma_m();
+        self.score += tune("TEMPER", 0.3) * (log_student(d2, var) - sight.clutter.ln());
+        if sigma_m < KNOWN_RANGE * range_m {
+            self.score -= tune("CUE", 0.05) * sight.cue.cost(range_m);
+        }
+        if let (Some(appearance), false) = (&sight.appearance, sight.doubtful) {
+            self.score += tune("LOOKS", 0.05) * looks.resemblance(appearance);
+        }
+
+        let alone = self.observers.iter().all(|(r, at)| *r == seen.robot || seen.at.seconds_since(*at) > OBSERVED_S);
+        let before = self.observers.iter().find(|(r, _)| *r == seen.robot).map(|(_, at)| *at);
+        let since_s = before.map_or(1.0, |b| seen.at.seconds_since(b)).max(1e-3);
+        let repeat = (2.0 * config.correlation_s / since_s).clamp(1.0, MOST_REPEAT);
+        m = seen.bearing(config, sight, range_m, repeat);
+        m.var *= stretch(d2);
+        self.target.update(&m);
+        self.two_robots |= !alone;
+        self.last = self.last.max(seen.at);
+        self.updates += 1;
+        match self.observers.iter_mut().find(|(r, _)| *r == seen.robot) {
+            Some((_, at)) => *at = seen.at,
+            None => self.observers.push((seen.robot, seen.at)),
+        }
+        if sight.merged {
+            return;
+        }
+        let unsure = alone || self.target.sigma_m() > UNSURE_M;
+        if let (true, Some((log_range, spread))) = (unsure, sight.cue.log_range) {
+            let cue_m = log_range.exp();
+            self.target.update_range(&seen.pose, cue_m, (spread * cue_m).powi(2) * RANGE_REPEAT);
+        }
+        if let Some((elevation, sigma)) = sight.top {
+            let range_var = self.target.sigma_m().powi(2);
+            let (top, var) = height_m(seen.camera.height_m, range_m, elevation, sigma, range_var);
+            self.target.update_top(top, var * repeat + TOP_FLOOR_VAR, TOP_FLOOR_VAR);
+        }
+    }
+}
+
+/// How far a bearing is from another, rad.
+pub fn apart(a: f64, b: f64) -> f64 {
+    wrap(a - b).abs()
+}

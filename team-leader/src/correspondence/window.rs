@@ -1,0 +1,200 @@
+//! The last seconds, kept so that they can be explained anew.
+//!
+//! Problem: where two people stand together a robot may take one for the other. The frame in which it happens does not tell.
+//! The frames after it do, but by then a filter that believed it is somewhere between the two.
+//!
+//! Insight: frames are kept for some seconds with the owner of each track in them, and every target keeps its state before each
+//! of them. A change of owners is tried from where it may have happened on: the targets concerned are filtered again over the
+//! frames since, and their scores say whether the change explains them better.
+
+use std::collections::VecDeque;
+
+use protocol::id::{TargetId, TrackId};
+
+use super::state::{Context, Seen, State};
+use super::{Followed, Follower};
+
+/// A frame, and whose each of its sights is.
+#[derive(Debug, Clone)]
+pub struct Kept {
+    /// What was seen.
+    pub seen: Seen,
+    /// Whose each sight is.
+    pub owners: Vec<Option<TargetId>>,
+}
+
+impl Kept {
+    fn owned(&self, id: TargetId, changes: &[Change]) -> Option<usize> {
+        (0..self.owners.len()).find(|&k| {
+            let track = self.seen.sights[k].track;
+            let change = changes.iter().find(|c| c.robot == self.seen.robot && c.track == track);
+            change.map_or(self.owners[k], |c| c.to) == Some(id)
+        })
+    }
+}
+
+/// From some frame on, a track is another's.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Change {
+    /// Whose track.
+    pub robot: usize,
+    /// Which.
+    pub track: TrackId,
+    /// Whose it is.
+    pub to: Option<TargetId>,
+}
+
+/// A change of owners, worked out.
+#[derive(Debug, Clone)]
+pub struct Proposal {
+    /// First frame of the window in which it holds.
+    pub from: usize,
+    /// What changes.
+    pub changes: Vec<Change>,
+    /// By how much the frames since are explained better, nats.
+    pub gain: f64,
+    reruns: Vec<(TargetId, Vec<State>)>,
+}
+
+impl Proposal {
+    /// How a target would end.
+    pub fn last_state(&self, id: TargetId) -> Option<&State> {
+        self.reruns.iter().find(|(r, _)| *r == id)?.1.last()
+    }
+}
+
+impl Followed {
+    /// Index in the window of the first frame before which its state is kept.
+    fn first(&self, window: &VecDeque<Kept>) -> usize {
+        window.len().saturating_sub(self.trail.len())
+    }
+
+    /// Its states before the frames from `from` on and after the last, if these changes were made.
+    fn rerun(
+        &self,
+        window: &VecDeque<Kept>,
+        from: usize,
+        changes: &[Change],
+        context: &Context<'_>,
+    ) -> Vec<State> {
+        let first = self.first(window);
+        let from = from.max(first);
+        let mut state = self.trail.get(from - first).unwrap_or(&self.state).clone();
+        let mut states = Vec::with_capacity(window.len() - from + 1);
+        for kept in window.iter().skip(from) {
+            states.push(state.clone());
+            let sight = kept.owned(self.id, changes).map(|k| &kept.seen.sights[k]);
+            state.take(&kept.seen, sight, &self.looks, context);
+        }
+        states.push(state);
+        states
+    }
+}
+
+impl Follower {
+    /// What these changes from frame `from` on would gain.
+    pub(super) fn evaluate(&self, from: usize, changes: Vec<Change>, newborn: Option<&Followed>, context: &Context<'_>) -> Proposal {
+        let mut affected: Vec<TargetId> = changes.iter().filter_map(|c| c.to).collect();
+        for kept in self.window.iter().skip(from) {
+            for (sight, owner) in kept.seen.sights.iter().zip(&kept.owners) {
+                let hit = changes.iter().any(|c| c.robot == kept.seen.robot && c.track == sight.track);
+                affected.extend(owner.filter(|_| hit));
+            }
+        }
+        affected.sort_unstable();
+        affected.dedup();
+        let mut gain = 0.0;
+        let mut reruns = Vec::with_capacity(affected.len());
+        for followed in self.targets.iter().chain(newborn).filter(|f| affected.contains(&f.id)) {
+            let states = followed.rerun(&self.window, from, &changes, context);
+            gain += states.last().map_or(0.0, |s| s.score) - followed.state.score;
+            reruns.push((followed.id, states));
+        }
+        Proposal { from, changes, gain, reruns }
+    }
+
+    /// Makes a change; a newborn target must be among the targets already.
+    pub(super) fn accept(&mut self, proposal: Proposal) {
+        let Proposal { from, changes, reruns, .. } = proposal;
+        for kept in self.window.iter_mut().skip(from) {
+            for (sight, owner) in kept.seen.sights.iter().zip(&mut kept.owners) {
+                if let Some(c) = changes.iter().find(|c| c.robot == kept.seen.robot && c.track == sight.track) {
+                    *owner = c.to;
+                }
+            }
+        }
+        for change in &changes {
+            if let Some(m) = self.memories.iter_mut().find(|m| m.is(change.robot, change.track)) {
+                m.bound = change.to;
+            }
+        }
+        let window = self.window.len();
+        for (id, mut states) in reruns {
+            let Some(followed) = self.targets.iter_mut().find(|f| f.id == id) else { continue };
+            let Some(last) = states.pop() else { continue };
+            followed.state = last;
+            let keep = followed.trail.len().saturating_sub(states.len());
+            followed.trail.truncate(keep);
+            followed.trail.extend(states);
+            debug_assert!(followed.trail.len() <= window);
+        }
+    }
+
+    /// Takes a frame in: every target goes on by it.
+    pub(super) fn keep(&mut self, kept: Kept, context: &Context<'_>) {
+        for followed in &mut self.targets {
+            followed.trail.push_back(followed.state.clone());
+            let sight = kept.owned(followed.id, &[]).map(|k| &kept.seen.sights[k]);
+            followed.state.take(&kept.seen, sight, &followed.looks, context);
+        }
+        self.window.push_back(kept);
+        let newest = self.newest;
+        let old = |k: &Kept| newest.seconds_since(k.seen.at) > super::tune("WINDOW", 3.0);
+        while self.window.len() > super::MAX_WINDOW || self.window.front().is_some_and(old) {
+            self.settle_first();
+        }
+    }
+
+    /// The oldest frame is settled: what it tells of looks is learnt.
+    fn settle_first(&mut self) {
+        let window = self.window.len();
+        let Some(kept) = self.window.pop_front() else { return };
+        for followed in &mut self.targets {
+            if followed.trail.len() == window {
+                followed.trail.pop_front();
+            }
+        }
+        for (sight, owner) in kept.seen.sights.iter().zip(&kept.owners) {
+            let (Some(appearance), Some(id), false) = (&sight.appearance, owner, sight.doubtful) else { continue };
+            if let Some(followed) = self.targets.iter_mut().find(|f| f.id == *id) {
+                followed.looks.see(kept.seen.robot, appearance);
+            }
+        }
+    }
+
+    /// All frames are settled: nothing of the past is explained anew.
+    pub(super) fn settle(&mut self) {
+        while !self.window.is_empty() {
+            self.settle_first();
+        }
+    }
+
+    /// Index of the first frame of the window in which the track was seen.
+    pub(super) fn first_seen(&self, robot: usize, track: TrackId) -> Option<usize> {
+        self.window.iter().position(|k| k.seen.robot == robot && k.seen.sights.iter().any(|s| s.track == track))
+    }
+
+    /// Index of the first frame of the last time in the window in which the track was with others.
+    pub(super) fn last_unsure(&self, robot: usize, track: TrackId) -> Option<usize> {
+        let mut start = None;
+        for (i, kept) in self.window.iter().enumerate().rev().filter(|(_, k)| k.seen.robot == robot) {
+            let Some(sight) = kept.seen.sights.iter().find(|s| s.track == track) else { continue };
+            match (sight.doubtful || sight.merged, start) {
+                (true, _) => start = Some(i),
+                (false, Some(_)) => break,
+                (false, None) => {}
+            }
+        }
+        start
+    }
+}
