@@ -130,7 +130,10 @@ pub struct Sight {
 
 impl Follower {
     /// Nothing moves yet.
-    pub fn new(config: TargetConfig) -> Self {
+    pub fn new(mut config: TargetConfig) -> Self {
+        config.acceleration_m2ps3 = tune("ACC", config.acceleration_m2ps3);
+        config.axis_sway_m = tune("SWAY", config.axis_sway_m);
+        config.forget_after_s = tune("FORGET", config.forget_after_s);
         Self {
             config,
             targets: Vec::new(),
@@ -207,7 +210,7 @@ impl Follower {
         if tune("DUMP", 0.0) > 0.0 {
             eprintln!("T {:.3} robot {} n {}", frame.at.as_secs_f64(), frame.robot, self.window.len());
             let list: Vec<String> = self.targets.iter().map(|f| {
-                let tracks: Vec<String> = self.memories.iter().filter(|m| m.bound == Some(f.id) && self.newest.seconds_since(m.last) < PRESENT_S).map(|m| format!("r{}:{}", m.robot + 1, m.track.0)).collect();
+                let tracks: Vec<String> = self.memories.iter().filter(|m| m.bound == Some(f.id) && self.newest.seconds_since(m.last) < PRESENT_S).map(|m| format!("r{}:{}{}", m.robot + 1, m.track.0, if m.doubtful {"?"} else {""})).collect();
                 format!("{}{}({:.2},{:.2}±{:.2})[{}]", if f.is_confirmed() {""} else {"?"}, f.id.0, f.state.target.position().x, f.state.target.position().y, f.state.target.sigma_m(), tracks.join(" "))
             }).collect();
             eprintln!("H {:.1} {}", 0.0, list.join(" "));

@@ -208,7 +208,7 @@ impl Follower {
     /// Tracks of the candidates that belong to the best explanation of all tracks, clearly, and are not targets yet.
     fn clear_candidates(&self) -> Vec<Vec<Key>> {
         let standing: Vec<bool> = self.candidates.iter().map(|c| self.stands(c)).collect();
-        let worth = |k: usize| self.candidates[k].mean + if standing[k] { STANDING_WORTH } else { 0.0 };
+        let worth = |k: usize| self.candidates[k].mean + if standing[k] { super::tune("STANDING", STANDING_WORTH) } else { 0.0 };
         let mut hopeful: Vec<usize> = (0..self.candidates.len()).filter(|k| worth(*k) > 0.0).collect();
         if hopeful.iter().all(|k| standing[*k]) {
             return Vec::new();
@@ -222,7 +222,7 @@ impl Follower {
         let clear = chosen.into_iter().filter(|&k| !standing[hopeful[k]]).filter(|&k| {
             let same = |j: usize| shares(j, k) && (of(j).position - of(k).position).norm() < ROBOT_M;
             let lead = || best - packing::best(&weights, &|j| !same(j), &shares).0;
-            EVIDENCE.iter().any(|(enough, needed)| of(k).count >= *enough && lead() > *needed)
+            EVIDENCE.iter().any(|(enough, needed)| f64::from(of(k).count) >= f64::from(*enough) * super::tune("EV_N", 1.0) && lead() > *needed * super::tune("EV_L", 1.0))
         });
         clear.map(|k| of(k).tracks.clone()).collect()
     }
@@ -316,7 +316,7 @@ impl Follower {
         let id = TargetId(u32::MAX);
         let changes: Vec<Change> =
             tracks.iter().map(|(robot, track)| Change { robot: *robot, track: *track, to: Some(id) }).collect();
-        let price: f64 = changes.iter().map(|c| if self.is_owned(c) { self.price(c) } else { 0.0 }).sum();
+        let price: f64 = changes.iter().map(|c| if self.is_owned(c) { self.price(c, 0) } else { 0.0 }).sum();
         let firsts: Vec<usize> = tracks.iter().filter_map(|(r, t)| self.first_seen(*r, *t)).collect();
         let together = firsts.iter().copied().max()?;
         let recent = self.window.iter().position(|k| self.newest.seconds_since(k.seen.at) < 0.6).unwrap_or(0);
@@ -340,7 +340,7 @@ impl Follower {
                 looks: Looks::default(),
             };
             let proposal = self.evaluate(from, changes.clone(), Some(&newborn), context);
-            let net = proposal.gain - price - super::tune("BIRTH", 3.0);
+            let net = proposal.gain - price - super::tune("BIRTH", 5.0);
             if net > best.as_ref().map_or(0.0, |(b, ..)| *b) {
                 best = Some((net, proposal, newborn));
             }

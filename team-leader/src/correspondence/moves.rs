@@ -33,8 +33,8 @@ impl Follower {
             .collect();
         let mut best: Option<(f64, Proposal)> = None;
         let mut consider = |changes: Vec<Change>| {
-            let needed: f64 = changes.iter().map(|c| self.price(c)).sum();
-            for from in self.starts(&changes) {
+            for from in self.starts(&changes, context) {
+                let needed: f64 = changes.iter().map(|c| self.price(c, from)).sum();
                 let proposal = self.evaluate(from, changes.clone(), None, context);
                 let net = proposal.gain - needed;
                 if net > best.as_ref().map_or(0.0, |(n, _)| *n) {
@@ -74,35 +74,61 @@ impl Follower {
         best.map(|(_, proposal)| proposal)
     }
 
-    /// What a change must gain at least, nats.
-    pub(super) fn price(&self, change: &Change) -> f64 {
+    /// What a change from frame `from` on must gain at least, nats.
+    pub(super) fn price(&self, change: &Change, from: usize) -> f64 {
         let memory = self.memories.iter().find(|m| m.is(change.robot, change.track));
         let Some(m) = memory else { return 0.0 };
+        let unsure = || {
+            let mut frames = self.window.iter().skip(from).filter(|k| k.seen.robot == change.robot);
+            let sight = frames.find_map(|k| k.seen.sights.iter().find(|s| s.track == change.track));
+            m.doubtful || sight.is_some_and(|s| s.doubtful || s.merged)
+        };
         match (m.bound, change.to) {
-            (Some(_), Some(_)) if m.doubtful => tune("CHANGE_D", 1.0),
+            (Some(_), Some(_)) if unsure() => tune("CHANGE_D", 1.0),
             (Some(_), Some(_)) => tune("CHANGE", 3.0),
-            (None, Some(_)) => tune("ADOPT", 1.0),
-            (Some(_), None) => tune("RELEASE", 1.5),
+            (None, Some(_)) => tune("ADOPT", 0.3),
+            (Some(_), None) => tune("RELEASE", 0.5),
             (None, None) => 0.0,
         }
     }
 
     /// Frames from which on the change may hold.
-    fn starts(&self, changes: &[Change]) -> Vec<usize> {
+    fn starts(&self, changes: &[Change], context: &Context<'_>) -> Vec<usize> {
         let mut starts = Vec::new();
-        let mut latest_first = 0;
         for c in changes {
-            if let Some(first) = self.first_seen(c.robot, c.track) {
-                starts.push(first);
-                latest_first = latest_first.max(first);
-            }
+            starts.extend(self.first_seen(c.robot, c.track));
             starts.extend(self.last_unsure(c.robot, c.track));
         }
-        let recent = self.window.iter().position(|k| self.newest.seconds_since(k.seen.at) < tune("RECENT", 0.5));
-        starts.extend(recent);
+        if tune("TURN", 1.0) > 0.0 {
+            starts.extend(self.turning_point(changes, context));
+        }
+        if tune("RECENT", 0.5) > 0.0 {
+            starts.extend(self.window.iter().position(|k| self.newest.seconds_since(k.seen.at) < tune("RECENT", 0.5)));
+        }
         starts.sort_unstable();
         starts.dedup();
         starts
+    }
+
+    /// The frame from which on the new owners explain the tracks better than the old ones, as the targets are now.
+    fn turning_point(&self, changes: &[Change], context: &Context<'_>) -> Option<usize> {
+        let robot = changes.first()?.robot;
+        let worth = |id: Option<TargetId>, i: usize, sight: &super::Sight| {
+            let Some(f) = id.and_then(|id| self.targets.iter().find(|f| f.id == id)) else { return 0.0 };
+            f.before(&self.window, i).map_or(-2.0, |state| state.worth(&self.window[i].seen, sight, context))
+        };
+        let (mut sum, mut best) = (0.0, (0.0, None));
+        for (i, kept) in self.window.iter().enumerate().rev().filter(|(_, k)| k.seen.robot == robot) {
+            for (sight, owner) in kept.seen.sights.iter().zip(&kept.owners) {
+                if let Some(c) = changes.iter().find(|c| c.track == sight.track) {
+                    sum += worth(c.to, i, sight) - worth(*owner, i, sight);
+                }
+            }
+            if sum > best.0 {
+                best = (sum, Some(i));
+            }
+        }
+        best.1
     }
 
     /// Tracks of a target that are present.

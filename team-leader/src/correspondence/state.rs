@@ -118,6 +118,15 @@ impl State {
             && !seen.covered.iter().any(|(b, half)| difference(*b, bearing).abs() < half + 0.2 / range_m)
     }
 
+    /// How well a sight fits, nats against clutter.
+    pub fn worth(&self, seen: &Seen, sight: &Sight, context: &Context<'_>) -> f64 {
+        let rough = seen.bearing(context.config, sight, 3.0, 1.0);
+        let m = seen.bearing(context.config, sight, self.target.innovation(&rough).range_m, 1.0);
+        let innovation = self.target.innovation(&m);
+        let (d2, var) = gate_distance2(&innovation, &self.target, &m, context.calibrator);
+        tune("TEMPER", 0.6) * (log_student(d2, var) - sight.clutter.ln())
+    }
+
     fn measure(&mut self, seen: &Seen, sight: &Sight, looks: &Looks, context: &Context<'_>) {
         let config = context.config;
         let rough = seen.bearing(config, sight, 3.0, 1.0);
@@ -126,7 +135,7 @@ impl State {
         let innovation = self.target.innovation(&m);
         let (d2, var) = gate_distance2(&innovation, &self.target, &m, context.calibrator);
         let sigma_m = self.target.sigma_m();
-        self.score += tune("TEMPER", 0.3) * (log_student(d2, var) - sight.clutter.ln());
+        self.score += tune("TEMPER", 0.6) * (log_student(d2, var) - sight.clutter.ln());
         if sigma_m < KNOWN_RANGE * range_m {
             self.score -= tune("CUE", 0.05) * sight.cue.cost(range_m);
         }

@@ -69,6 +69,11 @@ impl Followed {
         window.len().saturating_sub(self.trail.len())
     }
 
+    /// Its state before frame `i` of the window.
+    pub(super) fn before(&self, window: &VecDeque<Kept>, i: usize) -> Option<&State> {
+        self.trail.get(i.checked_sub(self.first(window))?)
+    }
+
     /// Its states before the frames from `from` on and after the last, if these changes were made.
     fn rerun(
         &self,
