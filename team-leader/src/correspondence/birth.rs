@@ -24,7 +24,7 @@ use super::identity::{Looks, Past};
 use super::likelihood::log_student;
 use super::memory::Memory;
 use super::moves::LEAST_COUNT;
-use super::{Followed, Follower, Frame, MAX_TARGETS, PRESENT_S, Sight};
+use super::{tune, Followed, Follower, Frame, MAX_TARGETS, PRESENT_S, Sight};
 use crate::calibration::live::Calibrator;
 use crate::stereo::target::Target;
 
@@ -208,7 +208,7 @@ impl Follower {
     /// Tracks of the candidates that belong to the best explanation of all tracks, clearly, and are not targets yet.
     fn clear_candidates(&self) -> Vec<Vec<Key>> {
         let standing: Vec<bool> = self.candidates.iter().map(|c| self.stands(c)).collect();
-        let worth = |k: usize| self.candidates[k].mean + if standing[k] { super::tune("STANDING", STANDING_WORTH) } else { 0.0 };
+        let worth = |k: usize| self.candidates[k].mean + if standing[k] { super::tune("STANDING", 3.0) } else { 0.0 };
         let mut hopeful: Vec<usize> = (0..self.candidates.len()).filter(|k| worth(*k) > 0.0).collect();
         if hopeful.iter().all(|k| standing[*k]) {
             return Vec::new();
@@ -244,35 +244,38 @@ impl Follower {
         }
         let set: Vec<(&Memory, Pose2)> = members.iter().map(|(m, pose)| (m, *pose)).collect();
         let (proposal, newborn) = self.best_birth(tracks, context)?;
-        let position = newborn.state.target.position();
-        let _ = position;
-        let newest = self.newest;
         let state = proposal.last_state(newborn.id)?;
         let position = state.target.position();
         let top = Self::top_of(&set, position);
         let looks = Self::looks_of(&set);
         let id = newborn.id;
-        let before: Vec<(TargetId, usize)> =
-            self.targets.iter().map(|f| (f.id, members.iter().filter(|(m, _)| m.bound == Some(f.id)).count())).collect();
+        // Those whom it takes half of their tracks or more from, and who resemble it, are it.
+        let half_taken = |f: &Followed| {
+            let own = members.iter().filter(|(m, _)| m.bound == Some(f.id)).count();
+            own > 0 && 2 * own >= self.present_tracks(f.id).len()
+        };
+        let robbed: Vec<TargetId> = self.targets.iter().filter(|f| half_taken(f)).map(|f| f.id).collect();
         self.targets.push(newborn);
         self.accept(proposal);
-        // Those whom it took all from are it, or nobody.
         let bereft = |f: &Followed| {
-            f.id != id && before.iter().any(|(b, n)| *b == f.id && *n > 0) && self.present_tracks(f.id).is_empty()
+            robbed.contains(&f.id) && (tune("HALF", 1.0) > 0.0 || self.present_tracks(f.id).is_empty())
         };
         let former = self
             .targets
             .iter()
             .filter(|f| bereft(f) && !placed.contains(&f.id))
             .map(|f| (self.resemblance(f, position, top, &looks), f.id))
-            .filter(|(nats, _)| *nats > 0.0)
+            .filter(|(nats, _)| *nats > -tune("CONT", 3.0))
             .max_by(|x, y| x.0.total_cmp(&y.0))
             .map(|(_, id)| id);
         let name = former.unwrap_or_else(|| {
-            let seen = |f: &Followed| {
-                f.id == id || tracks.iter().any(|(robot, _)| f.state.is_seen_by(*robot, newest, PRESENT_S))
-            };
-            self.recognise(position, top, &looks, |f| placed.contains(&f.id) || seen(f))
+            let elsewhere: Vec<TargetId> = self
+                .targets
+                .iter()
+                .filter(|f| f.id == id || self.present_tracks(f.id).iter().any(|(r, _)| tracks.iter().any(|(o, _)| o == r)))
+                .map(|f| f.id)
+                .collect();
+            self.recognise(position, top, &looks, |f| placed.contains(&f.id) || elsewhere.contains(&f.id))
         });
         self.rename(id, name);
         Some(name)

@@ -42,15 +42,18 @@ impl Follower {
                 }
             }
         };
+        // Targets that a track may be.
+        let near = |m: &Memory| {
+            let bearing_rad = m.bearing_rad;
+            self.targets.iter().filter(move |f| {
+                let target = &f.state.target;
+                let range_m = (target.position() - newest.seen.pose.position()).norm().max(0.3);
+                let reach = 0.1 + (0.5 + 2.0 * target.sigma_m().min(1.0)) / range_m;
+                apart(newest.seen.pose.bearing_to(target.position()), bearing_rad) < reach
+            })
+        };
         for m in &present {
-            for followed in self.targets.iter().filter(|f| m.bound != Some(f.id)) {
-                let away = followed.state.target.position() - newest.seen.pose.position();
-                let range_m = away.norm().max(0.3);
-                let predicted = newest.seen.pose.bearing_to(followed.state.target.position());
-                let reach = 0.1 + (0.5 + 2.0 * followed.state.target.sigma_m().min(1.0)) / range_m;
-                if apart(predicted, m.bearing_rad) > reach {
-                    continue;
-                }
+            for followed in near(m).filter(|f| m.bound != Some(f.id)) {
                 let change = Change { robot, track: m.track, to: Some(followed.id) };
                 let holders: Vec<&Memory> = self
                     .memories
@@ -63,8 +66,15 @@ impl Follower {
                     changes
                 };
                 consider(released(None));
-                if !holders.is_empty() && m.bound.is_some() && holders.len() == 1 {
-                    consider(released(m.bound));
+                if let [holder] = holders[..] {
+                    if m.bound.is_some() {
+                        consider(released(m.bound));
+                    }
+                    for free in near(holder).filter(|f| {
+                        f.id != followed.id && Some(f.id) != m.bound && self.memories.iter().all(|o| o.robot != robot || o.bound != Some(f.id))
+                    }) {
+                        consider(released(Some(free.id)));
+                    }
                 }
             }
             if m.bound.is_some() {

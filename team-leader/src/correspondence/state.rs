@@ -101,7 +101,7 @@ impl State {
         self.target.predict(seen.newest);
         match sight {
             Some(sight) => self.measure(seen, sight, looks, context),
-            None if self.should_be_seen(seen) => self.score -= tune("UNSEEN", 0.1),
+            None if self.should_be_seen(seen) => self.score -= tune("UNSEEN", 0.2),
             None => {}
         }
     }
@@ -137,10 +137,10 @@ impl State {
         let sigma_m = self.target.sigma_m();
         self.score += tune("TEMPER", 0.6) * (log_student(d2, var) - sight.clutter.ln());
         if sigma_m < KNOWN_RANGE * range_m {
-            self.score -= tune("CUE", 0.05) * sight.cue.cost(range_m);
+            self.score -= tune("CUE", 0.1) * sight.cue.cost(range_m);
         }
         if let (Some(appearance), false) = (&sight.appearance, sight.doubtful) {
-            self.score += tune("LOOKS", 0.05) * looks.resemblance(appearance);
+            self.score += tune("LOOKS", 0.1) * looks.resemblance(appearance);
         }
 
         let alone = self.observers.iter().all(|(r, at)| *r == seen.robot || seen.at.seconds_since(*at) > OBSERVED_S);
