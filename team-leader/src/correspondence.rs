@@ -3,17 +3,16 @@
 //! Problem: each robot follows objects by bearing under its own numbers; the same person has another number at every
 //! robot, vanishes in merged regions, and two crossing rays meet where nobody stands (a ghost).
 //!
-//! Insight: every pairing of tracks is weighed against its tracks being clutter, by likelihoods: where the rays meet, how far
-//! each robot alone thinks it is, whether others see it. From frame to frame a track is its target's by the filter's prediction;
-//! over the frames of a second the pairings themselves are compared, all at once, and the best explanation of all tracks
-//! replaces what stands when it is clearly better. Who is who after that is a question of its own (place and height).
+//! Insight: each track has an owner, and keeps it until the frames of the last seconds are explained better otherwise. They are
+//! kept for that ([`window`]): a change of owners is tried from where it may have happened on, the targets concerned are
+//! filtered again over the frames since, and the change is made where their scores gain more than it must ([`moves`]). So a
+//! robot that takes one person for another drags nobody away for longer than until the rays of the next frames tell.
 //!
 //! ```text
-//!  track of a frame ── assignment ──▶ a target's: measures it (heavy tails weighed down)
-//!        │
-//!        └─ with the others' tracks ──▶ exchange: two targets' tracks of this robot the other way round?
-//!                                  └──▶ birth: the set of pairings that explains most ──▶ new target, found again, placed anew
-//!  target ── unseen too long, lost, a double ──▶ dropped; remembered for a while to get its number back (identity)
+//!  track of a frame ──▶ its owner's: measures it (heavy tails weighed down), scores it against clutter        state
+//!        ├─ another owner, two exchanged, none: from some frame on, filtered anew, made where it gains          moves
+//!        └─ with others' tracks: the set of pairings that explains most ──▶ new target where it gains           birth
+//!  target ── unseen too long, lost, a double ──▶ dropped; remembered to get its number back         upkeep, identity
 //! ```
 
 mod birth;
@@ -55,8 +54,6 @@ const MERGED_SPREAD: f64 = 0.3;
 const CONFIRMED_UPDATES: u32 = 6;
 /// What a robot followed this long ago it still follows, seconds.
 const PRESENT_S: f64 = 0.3;
-/// Most frames that are kept.
-const MAX_WINDOW: usize = 1200;
 /// A target counts as seen by a robot for so long after its last bearing, seconds.
 pub const OBSERVED_S: f64 = 0.35;
 
@@ -113,8 +110,6 @@ pub struct Sight {
     sigma_rad: f64,
     half_width_rad: f64,
     merged: bool,
-    /// Its bearing is that of a region that it shares with others (they have the same), not its own.
-    region: bool,
     cue: RangeCue,
     /// Elevation of the top and its sigma, where it is seen.
     top: Option<(f64, f64)>,
@@ -130,10 +125,7 @@ pub struct Sight {
 
 impl Follower {
     /// Nothing moves yet.
-    pub fn new(mut config: TargetConfig) -> Self {
-        config.acceleration_m2ps3 = tune("ACC", config.acceleration_m2ps3);
-        config.axis_sway_m = tune("SWAY", config.axis_sway_m);
-        config.forget_after_s = tune("FORGET", config.forget_after_s);
+    pub fn new(config: TargetConfig) -> Self {
         Self {
             config,
             targets: Vec::new(),
@@ -207,14 +199,6 @@ impl Follower {
         self.give_birth(frame, &sights, &context);
         self.keep_up(calibrator);
         self.keep_past();
-        if tune("DUMP", 0.0) > 0.0 {
-            eprintln!("T {:.3} robot {} n {}", frame.at.as_secs_f64(), frame.robot, self.window.len());
-            let list: Vec<String> = self.targets.iter().map(|f| {
-                let tracks: Vec<String> = self.memories.iter().filter(|m| m.bound == Some(f.id) && self.newest.seconds_since(m.last) < PRESENT_S).map(|m| format!("r{}:{}{}", m.robot + 1, m.track.0, if m.doubtful {"?"} else {""})).collect();
-                format!("{}{}({:.2},{:.2}±{:.2})[{}]", if f.is_confirmed() {""} else {"?"}, f.id.0, f.state.target.position().x, f.state.target.position().y, f.state.target.sigma_m(), tracks.join(" "))
-            }).collect();
-            eprintln!("H {:.1} {}", 0.0, list.join(" "));
-        }
     }
 
     fn sights(&self, frame: &Frame<'_>, calibrator: &Calibrator) -> Vec<Sight> {
@@ -237,7 +221,6 @@ impl Follower {
                     sigma_rad: if region { sigma.max(MERGED_SPREAD * width) } else { sigma },
                     half_width_rad: 0.5 * width,
                     merged,
-                    region,
                     cue: RangeCue::of(t, frame.camera, self.config.person_height_m),
                     top: seen_top
                         .then(|| (t.elevation[1].rad(), t.elevation_sigma.value().hypot(frame.camera.tilt_sigma_rad))),
@@ -303,15 +286,4 @@ fn gate_distance2(innovation: &Innovation, target: &Target, m: &BearingFrom, cal
 
 fn quadratic(row: &RowVector3<f64>, cov: &Matrix3<f64>) -> f64 {
     (row * cov * row.transpose())[0]
-}
-
-pub fn tune(name: &str, default: f64) -> f64 {
-    use std::collections::HashMap;
-    use std::sync::{Mutex, OnceLock};
-    static VALUES: OnceLock<Mutex<HashMap<String, f64>>> = OnceLock::new();
-    let mut values = VALUES.get_or_init(Default::default).lock().unwrap();
-    if let Some(v) = values.get(name) { return *v; }
-    let v = std::env::var(name).ok().and_then(|v| v.parse().ok()).unwrap_or(default);
-    values.insert(name.to_string(), v);
-    v
 }

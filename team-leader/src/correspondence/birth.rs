@@ -12,19 +12,18 @@ mod packing;
 
 use nalgebra::Vector2;
 use protocol::angle::wrap;
-use protocol::appearance::Appearance;
 use protocol::frames::Pose2;
 use protocol::id::{TargetId, TrackId};
 use protocol::time::Timestamp;
 
 use super::explanation::{Explanation, RANGE_WORTH};
-use super::state::{Context, State};
-use super::window::{Change, Proposal};
 use super::identity::{Looks, Past};
 use super::likelihood::log_student;
 use super::memory::Memory;
 use super::moves::LEAST_COUNT;
-use super::{tune, Followed, Follower, Frame, MAX_TARGETS, PRESENT_S, Sight};
+use super::state::{Context, State};
+use super::window::{Change, Proposal};
+use super::{Followed, Follower, Frame, MAX_TARGETS, PRESENT_S, Sight};
 use crate::calibration::live::Calibrator;
 use crate::stereo::target::Target;
 
@@ -42,7 +41,12 @@ const EVIDENCE: [(u32, f64); 3] = [(5, 1.5), (10, 0.75), (20, 0.25)];
 /// Frames over which a candidate's weight is averaged.
 const MEAN_OVER: u32 = 20;
 /// What it is worth that the tracks are one target's already, nats.
-const STANDING_WORTH: f64 = 6.0;
+const STANDING_WORTH: f64 = 3.0;
+/// What a new target must gain, nats; it may have begun so short a time ago, seconds.
+const BIRTH: f64 = 9.0;
+const RECENT_S: f64 = 0.6;
+/// What it says for one who lost most of his tracks to a new target that he is it, nats.
+const CONTINUED: f64 = 3.0;
 /// Most candidates, and most loose tracks of other robots that one frame is paired with.
 const MAX_CANDIDATES: usize = 512;
 const MAX_OTHERS: usize = 64;
@@ -208,7 +212,7 @@ impl Follower {
     /// Tracks of the candidates that belong to the best explanation of all tracks, clearly, and are not targets yet.
     fn clear_candidates(&self) -> Vec<Vec<Key>> {
         let standing: Vec<bool> = self.candidates.iter().map(|c| self.stands(c)).collect();
-        let worth = |k: usize| self.candidates[k].mean + if standing[k] { super::tune("STANDING", 3.0) } else { 0.0 };
+        let worth = |k: usize| self.candidates[k].mean + if standing[k] { STANDING_WORTH } else { 0.0 };
         let mut hopeful: Vec<usize> = (0..self.candidates.len()).filter(|k| worth(*k) > 0.0).collect();
         if hopeful.iter().all(|k| standing[*k]) {
             return Vec::new();
@@ -222,7 +226,7 @@ impl Follower {
         let clear = chosen.into_iter().filter(|&k| !standing[hopeful[k]]).filter(|&k| {
             let same = |j: usize| shares(j, k) && (of(j).position - of(k).position).norm() < ROBOT_M;
             let lead = || best - packing::best(&weights, &|j| !same(j), &shares).0;
-            EVIDENCE.iter().any(|(enough, needed)| f64::from(of(k).count) >= f64::from(*enough) * super::tune("EV_N", 1.0) && lead() > *needed * super::tune("EV_L", 1.0))
+            EVIDENCE.iter().any(|(enough, needed)| of(k).count >= *enough && lead() > *needed)
         });
         clear.map(|k| of(k).tracks.clone()).collect()
     }
@@ -257,22 +261,22 @@ impl Follower {
         let robbed: Vec<TargetId> = self.targets.iter().filter(|f| half_taken(f)).map(|f| f.id).collect();
         self.targets.push(newborn);
         self.accept(proposal);
-        let bereft = |f: &Followed| {
-            robbed.contains(&f.id) && (tune("HALF", 1.0) > 0.0 || self.present_tracks(f.id).is_empty())
-        };
+        let bereft = |f: &Followed| robbed.contains(&f.id);
         let former = self
             .targets
             .iter()
             .filter(|f| bereft(f) && !placed.contains(&f.id))
             .map(|f| (self.resemblance(f, position, top, &looks), f.id))
-            .filter(|(nats, _)| *nats > -tune("CONT", 3.0))
+            .filter(|(nats, _)| *nats > -CONTINUED)
             .max_by(|x, y| x.0.total_cmp(&y.0))
             .map(|(_, id)| id);
         let name = former.unwrap_or_else(|| {
             let elsewhere: Vec<TargetId> = self
                 .targets
                 .iter()
-                .filter(|f| f.id == id || self.present_tracks(f.id).iter().any(|(r, _)| tracks.iter().any(|(o, _)| o == r)))
+                .filter(|f| {
+                    f.id == id || self.present_tracks(f.id).iter().any(|(r, _)| tracks.iter().any(|(o, _)| o == r))
+                })
                 .map(|f| f.id)
                 .collect();
             self.recognise(position, top, &looks, |f| placed.contains(&f.id) || elsewhere.contains(&f.id))
@@ -322,7 +326,7 @@ impl Follower {
         let price: f64 = changes.iter().map(|c| if self.is_owned(c) { self.price(c, 0) } else { 0.0 }).sum();
         let firsts: Vec<usize> = tracks.iter().filter_map(|(r, t)| self.first_seen(*r, *t)).collect();
         let together = firsts.iter().copied().max()?;
-        let recent = self.window.iter().position(|k| self.newest.seconds_since(k.seen.at) < 0.6).unwrap_or(0);
+        let recent = self.window.iter().position(|k| self.newest.seconds_since(k.seen.at) < RECENT_S).unwrap_or(0);
         let unsure = tracks.iter().filter_map(|(r, t)| self.last_unsure(*r, *t)).max().unwrap_or(0);
         let mut starts = [together, recent.max(together), unsure.max(together)];
         starts.sort_unstable();
@@ -343,7 +347,7 @@ impl Follower {
                 looks: Looks::default(),
             };
             let proposal = self.evaluate(from, changes.clone(), Some(&newborn), context);
-            let net = proposal.gain - price - super::tune("BIRTH", 5.0);
+            let net = proposal.gain - price - BIRTH;
             if net > best.as_ref().map_or(0.0, |(b, ..)| *b) {
                 best = Some((net, proposal, newborn));
             }

@@ -108,7 +108,7 @@ impl Follower {
         top_m: Option<f64>,
         looks: &[Appearance],
     ) -> f64 {
-        let by_place = known.past.log_density(position, self.newest) - (NEW_PLACE * super::tune("NEWP", 1.0)).ln();
+        let by_place = known.past.log_density(position, self.newest) - NEW_PLACE.ln();
         let ((mean, var), seen) = known.state.target.top_m();
         let by_top = top_m.filter(|_| seen).map_or(0.0, |top| {
             let var = var + TOP_M * TOP_M;
@@ -116,7 +116,7 @@ impl Follower {
             ((1.0 - WRONG_TOP) * right / NEW_TOP + WRONG_TOP).ln()
         });
         let by_looks: f64 = looks.iter().map(|a| known.looks.resemblance(a)).sum::<f64>() / looks.len().max(1) as f64;
-        by_place + by_top + super::tune("IDLOOKS", LOOKS_WORTH) * by_looks
+        by_place + by_top + LOOKS_WORTH * by_looks
     }
 
     /// What tracks look like that tell it.
@@ -143,7 +143,7 @@ impl Follower {
         taken: impl Fn(&Followed) -> bool,
     ) -> TargetId {
         let newest = self.newest;
-        self.departed.retain(|d| newest.seconds_since(d.state.last) < super::tune("REMEMBER", REMEMBERED_S));
+        self.departed.retain(|d| newest.seconds_since(d.state.last) < REMEMBERED_S);
         let coasting = self.targets.iter().filter(|f| f.is_confirmed() && !taken(f));
         let found = coasting
             .chain(&self.departed)

@@ -20,6 +20,7 @@ const LOG_STUDENT: f64 = -0.980_829_253_011_726;
 /// Tracks of nobody in a picture, and pieces of a body beside it that have a track of their own.
 const CLUTTER: f64 = 0.5;
 const PIECES: f64 = 0.4;
+const PIECES_OF_TRACKS: f64 = 0.6;
 /// How far from a body's axis its pieces lie, standard deviation in metres.
 const PIECE_M: f64 = 0.2;
 
@@ -41,7 +42,7 @@ pub fn clutter_of_tracks(frame: &Frame<'_>, track: &TrackObservation) -> f64 {
         let half = 0.5 * other.width.rad().abs();
         let sigma = half.clamp(0.03, 0.4);
         let off = wrap(track.bearing.rad() - other.bearing.rad()) / sigma;
-        density += super::tune("PIECES", PIECES) * (-0.5 * off * off).exp() / (sigma * TAU.sqrt());
+        density += PIECES_OF_TRACKS * (-0.5 * off * off).exp() / (sigma * TAU.sqrt());
     }
     density
 }

@@ -5,12 +5,22 @@ use protocol::id::{TargetId, TrackId};
 use super::memory::Memory;
 use super::state::{Context, apart};
 use super::window::{Change, Proposal};
-use super::{Follower, PRESENT_S, tune};
+use super::{Follower, PRESENT_S};
 
 /// Frames in which a track must have been seen before it counts.
 pub const LEAST_COUNT: u32 = 3;
 /// Most changes made with one frame.
 const MOST_CHANGES: usize = 3;
+/// What it must gain, nats, that a track goes over to another target (of a robot that is sure of it, and that is not), that a
+/// target takes one on that is nobody's, that it lets one go.
+const CHANGE: f64 = 4.0;
+const CHANGE_DOUBTFUL: f64 = 1.0;
+const ADOPT: f64 = 0.3;
+const RELEASE: f64 = 1.5;
+/// A change may be as recent as this, seconds.
+const RECENT_S: f64 = 0.5;
+/// What a track is worth to a target that was not there yet, nats.
+const NOT_YET: f64 = -2.0;
 
 impl Follower {
     /// Makes the changes of owners of the newest frame's tracks that explain the window better.
@@ -71,7 +81,9 @@ impl Follower {
                         consider(released(m.bound));
                     }
                     for free in near(holder).filter(|f| {
-                        f.id != followed.id && Some(f.id) != m.bound && self.memories.iter().all(|o| o.robot != robot || o.bound != Some(f.id))
+                        f.id != followed.id
+                            && Some(f.id) != m.bound
+                            && self.memories.iter().all(|o| o.robot != robot || o.bound != Some(f.id))
                     }) {
                         consider(released(Some(free.id)));
                     }
@@ -91,13 +103,13 @@ impl Follower {
         let unsure = || {
             let mut frames = self.window.iter().skip(from).filter(|k| k.seen.robot == change.robot);
             let sight = frames.find_map(|k| k.seen.sights.iter().find(|s| s.track == change.track));
-            m.doubtful || sight.is_some_and(|s| s.doubtful || s.merged)
+            m.doubtful || sight.is_some_and(|s| s.doubtful)
         };
         match (m.bound, change.to) {
-            (Some(_), Some(_)) if unsure() => tune("CHANGE_D", 1.0),
-            (Some(_), Some(_)) => tune("CHANGE", 3.0),
-            (None, Some(_)) => tune("ADOPT", 0.3),
-            (Some(_), None) => tune("RELEASE", 0.5),
+            (Some(_), Some(_)) if unsure() => CHANGE_DOUBTFUL,
+            (Some(_), Some(_)) => CHANGE,
+            (None, Some(_)) => ADOPT,
+            (Some(_), None) => RELEASE,
             (None, None) => 0.0,
         }
     }
@@ -109,12 +121,8 @@ impl Follower {
             starts.extend(self.first_seen(c.robot, c.track));
             starts.extend(self.last_unsure(c.robot, c.track));
         }
-        if tune("TURN", 1.0) > 0.0 {
-            starts.extend(self.turning_point(changes, context));
-        }
-        if tune("RECENT", 0.5) > 0.0 {
-            starts.extend(self.window.iter().position(|k| self.newest.seconds_since(k.seen.at) < tune("RECENT", 0.5)));
-        }
+        starts.extend(self.turning_point(changes, context));
+        starts.extend(self.window.iter().position(|k| self.newest.seconds_since(k.seen.at) < RECENT_S));
         starts.sort_unstable();
         starts.dedup();
         starts
@@ -125,7 +133,7 @@ impl Follower {
         let robot = changes.first()?.robot;
         let worth = |id: Option<TargetId>, i: usize, sight: &super::Sight| {
             let Some(f) = id.and_then(|id| self.targets.iter().find(|f| f.id == id)) else { return 0.0 };
-            f.before(&self.window, i).map_or(-2.0, |state| state.worth(&self.window[i].seen, sight, context))
+            f.before(&self.window, i).map_or(NOT_YET, |state| state.worth(&self.window[i].seen, sight, context))
         };
         let (mut sum, mut best) = (0.0, (0.0, None));
         for (i, kept) in self.window.iter().enumerate().rev().filter(|(_, k)| k.seen.robot == robot) {

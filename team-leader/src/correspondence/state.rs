@@ -6,7 +6,7 @@ use protocol::time::Timestamp;
 
 use super::identity::Looks;
 use super::likelihood::{log_student, stretch};
-use super::{OBSERVED_S, Sight, gate_distance2, tune};
+use super::{OBSERVED_S, Sight, gate_distance2};
 use crate::calibration::live::Calibrator;
 use crate::leader::config::TargetConfig;
 use crate::stereo::range_cue::CameraFacts;
@@ -21,9 +21,16 @@ const MOST_REPEAT: f64 = 2.5;
 const UNSURE_M: f64 = 0.15;
 /// How much less a range from feet, head and width says with every frame: the gait, the clothes, the shadow stay.
 const RANGE_REPEAT: f64 = 10.0;
-/// What a squared sigma of a single robot's range is worth, nats, where the target's is known to this part: ranges of feet
-/// and heads err alike from frame to frame.
+/// What a frame counts for, apart from others and in one region with them: errors of successive frames are alike.
+const TEMPER: f64 = 0.6;
+const TEMPER_MERGED: f64 = 0.15;
+/// What a squared sigma of a single robot's range is worth in a frame, nats, where the target's is known to this part: ranges
+/// of feet and heads err alike from frame to frame. The same for looks, which are told seldom.
+const CUE_WORTH: f64 = 0.1;
 const KNOWN_RANGE: f64 = 0.3;
+const LOOKS_WORTH: f64 = 0.1;
+/// What a frame costs in which a robot that should see it does not, nats.
+const UNSEEN: f64 = 0.4;
 /// How far away a robot may miss people, metres.
 const SURE_RANGE_M: f64 = 6.0;
 
@@ -101,7 +108,7 @@ impl State {
         self.target.predict(seen.newest);
         match sight {
             Some(sight) => self.measure(seen, sight, looks, context),
-            None if self.should_be_seen(seen) => self.score -= tune("UNSEEN", 0.2),
+            None if self.should_be_seen(seen) => self.score -= UNSEEN,
             None => {}
         }
     }
@@ -124,7 +131,7 @@ impl State {
         let m = seen.bearing(context.config, sight, self.target.innovation(&rough).range_m, 1.0);
         let innovation = self.target.innovation(&m);
         let (d2, var) = gate_distance2(&innovation, &self.target, &m, context.calibrator);
-        tune("TEMPER", 0.6) * (log_student(d2, var) - sight.clutter.ln())
+        temper(sight) * (log_student(d2, var) - sight.clutter.ln())
     }
 
     fn measure(&mut self, seen: &Seen, sight: &Sight, looks: &Looks, context: &Context<'_>) {
@@ -135,12 +142,12 @@ impl State {
         let innovation = self.target.innovation(&m);
         let (d2, var) = gate_distance2(&innovation, &self.target, &m, context.calibrator);
         let sigma_m = self.target.sigma_m();
-        self.score += tune("TEMPER", 0.6) * (log_student(d2, var) - sight.clutter.ln());
+        self.score += temper(sight) * (log_student(d2, var) - sight.clutter.ln());
         if sigma_m < KNOWN_RANGE * range_m {
-            self.score -= tune("CUE", 0.1) * sight.cue.cost(range_m);
+            self.score -= CUE_WORTH * sight.cue.cost(range_m);
         }
         if let (Some(appearance), false) = (&sight.appearance, sight.doubtful) {
-            self.score += tune("LOOKS", 0.1) * looks.resemblance(appearance);
+            self.score += LOOKS_WORTH * looks.resemblance(appearance);
         }
 
         let alone = self.observers.iter().all(|(r, at)| *r == seen.robot || seen.at.seconds_since(*at) > OBSERVED_S);
@@ -171,6 +178,11 @@ impl State {
             self.target.update_top(top, var * repeat + TOP_FLOOR_VAR, TOP_FLOOR_VAR);
         }
     }
+}
+
+/// What a sight counts for: errors of successive frames are alike, more so while people are in one place.
+fn temper(sight: &Sight) -> f64 {
+    if sight.merged { TEMPER_MERGED } else { TEMPER }
 }
 
 /// How far a bearing is from another, rad.

@@ -14,6 +14,10 @@ use protocol::id::{TargetId, TrackId};
 use super::state::{Context, Seen, State};
 use super::{Followed, Follower};
 
+/// How long frames are kept, seconds, and how many at most.
+const WINDOW_S: f64 = 3.0;
+const MAX_WINDOW: usize = 1200;
+
 /// A frame, and whose each of its sights is.
 #[derive(Debug, Clone)]
 pub struct Kept {
@@ -75,13 +79,7 @@ impl Followed {
     }
 
     /// Its states before the frames from `from` on and after the last, if these changes were made.
-    fn rerun(
-        &self,
-        window: &VecDeque<Kept>,
-        from: usize,
-        changes: &[Change],
-        context: &Context<'_>,
-    ) -> Vec<State> {
+    fn rerun(&self, window: &VecDeque<Kept>, from: usize, changes: &[Change], context: &Context<'_>) -> Vec<State> {
         let first = self.first(window);
         let from = from.max(first);
         let mut state = self.trail.get(from - first).unwrap_or(&self.state).clone();
@@ -98,7 +96,13 @@ impl Followed {
 
 impl Follower {
     /// What these changes from frame `from` on would gain.
-    pub(super) fn evaluate(&self, from: usize, changes: Vec<Change>, newborn: Option<&Followed>, context: &Context<'_>) -> Proposal {
+    pub(super) fn evaluate(
+        &self,
+        from: usize,
+        changes: Vec<Change>,
+        newborn: Option<&Followed>,
+        context: &Context<'_>,
+    ) -> Proposal {
         let mut affected: Vec<TargetId> = changes.iter().filter_map(|c| c.to).collect();
         for kept in self.window.iter().skip(from) {
             for (sight, owner) in kept.seen.sights.iter().zip(&kept.owners) {
@@ -154,8 +158,8 @@ impl Follower {
         }
         self.window.push_back(kept);
         let newest = self.newest;
-        let old = |k: &Kept| newest.seconds_since(k.seen.at) > super::tune("WINDOW", 3.0);
-        while self.window.len() > super::MAX_WINDOW || self.window.front().is_some_and(old) {
+        let old = |k: &Kept| newest.seconds_since(k.seen.at) > WINDOW_S;
+        while self.window.len() > MAX_WINDOW || self.window.front().is_some_and(old) {
             self.settle_first();
         }
     }

@@ -125,8 +125,8 @@ pub struct TargetConfig {
 impl Default for TargetConfig {
     fn default() -> Self {
         Self {
-            acceleration_m2ps3: 0.3,
-            axis_sway_m: 0.03,
+            acceleration_m2ps3: 0.25,
+            axis_sway_m: 0.025,
             correlation_s: 0.25,
             person_height_m: (1.72, 0.12),
             forget_after_s: 2.0,

@@ -126,9 +126,8 @@ impl Target {
             return;
         }
         self.at = at;
-        let memory = crate::correspondence::tune("VMEM", VELOCITY_MEMORY_S);
-        let keep = (-dt / memory).exp();
-        let reach = memory * (1.0 - keep);
+        let keep = (-dt / VELOCITY_MEMORY_S).exp();
+        let reach = VELOCITY_MEMORY_S * (1.0 - keep);
         let mut f = Matrix4::identity();
         for k in 0..2 {
             f[(k, k + 2)] = reach;
