@@ -6,7 +6,8 @@
 //! whose ray passes there) is weighed against its tracks being clutter ([`super::explanation`]); the set of candidates that
 //! share no track and weigh most together explains the pictures best. So a ghost may look as good as a person by itself: it
 //! takes away the tracks of two. Candidates that are targets already are in the set with a bonus. A new one that stays in it
-//! over frames, clearly ahead of the best set without it, becomes a target; whose number it gets says [`super::identity`].
+//! over frames, clearly ahead of the best set without it, becomes a target if the window is explained better with it, also
+//! where it takes tracks from others ([`super::window`]); whose number it gets says [`super::identity`].
 
 mod packing;
 
