@@ -13,9 +13,9 @@ pub const LEAST_COUNT: u32 = 3;
 const MOST_CHANGES: usize = 3;
 /// What it must gain, nats, that a track goes over to another target (of a robot that is sure of it, and that is not), that a
 /// target takes one on that is nobody's, that it lets one go.
-const CHANGE: f64 = 4.0;
+const CHANGE: f64 = 3.0;
 const CHANGE_DOUBTFUL: f64 = 1.0;
-const ADOPT: f64 = 0.3;
+const ADOPT: f64 = 0.8;
 const RELEASE: f64 = 1.5;
 /// A change may be as recent as this, seconds.
 const RECENT_S: f64 = 0.5;
@@ -103,7 +103,7 @@ impl Follower {
         let unsure = || {
             let mut frames = self.window.iter().skip(from).filter(|k| k.seen.robot == change.robot);
             let sight = frames.find_map(|k| k.seen.sights.iter().find(|s| s.track == change.track));
-            m.doubtful || sight.is_some_and(|s| s.doubtful)
+            m.doubtful || sight.is_some_and(|s| s.doubtful || s.merged)
         };
         match (m.bound, change.to) {
             (Some(_), Some(_)) if unsure() => CHANGE_DOUBTFUL,
