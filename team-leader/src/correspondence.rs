@@ -4,8 +4,8 @@
 //! robot, vanishes in merged regions, and two crossing rays meet where nobody stands (a ghost).
 //!
 //! Insight: each track has an owner, and keeps it until the frames of the last seconds are explained better otherwise. They are
-//! kept for that ([`window`]): a change of owners is tried from where it may have happened on, the targets concerned are
-//! filtered again over the frames since, and the change is made where their scores gain more than it must ([`moves`]). So a
+//! kept for that (`window`): a change of owners is tried from where it may have happened on, the targets concerned are
+//! filtered again over the frames since, and the change is made where their scores gain more than it must (`moves`). So a
 //! robot that takes one person for another drags nobody away for longer than until the rays of the next frames tell.
 //!
 //! ```text

@@ -16,7 +16,7 @@ use super::{Followed, Follower};
 
 /// How long frames are kept, seconds, and how many at most.
 const WINDOW_S: f64 = 3.0;
-const MAX_WINDOW: usize = 1200;
+const MAX_WINDOW: usize = 600;
 
 /// A frame, and whose each of its sights is.
 #[derive(Debug, Clone)]
