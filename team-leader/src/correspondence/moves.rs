@@ -1,9 +1,10 @@
 //! Which changes of owners are tried.
 
+use protocol::angle::difference;
 use protocol::id::{TargetId, TrackId};
 
 use super::memory::Memory;
-use super::state::{Context, apart};
+use super::state::Context;
 use super::window::{Change, Proposal};
 use super::{Follower, PRESENT_S};
 
@@ -59,7 +60,7 @@ impl Follower {
                 let target = &f.state.target;
                 let range_m = (target.position() - newest.seen.pose.position()).norm().max(0.3);
                 let reach = 0.1 + (0.5 + 2.0 * target.sigma_m().min(1.0)) / range_m;
-                apart(newest.seen.pose.bearing_to(target.position()), bearing_rad) < reach
+                difference(newest.seen.pose.bearing_to(target.position()), bearing_rad).abs() < reach
             })
         };
         for m in &present {

@@ -1,6 +1,6 @@
 //! What the measurements so far make of one object, and how well it explains them.
 
-use protocol::angle::{difference, wrap};
+use protocol::angle::difference;
 use protocol::frames::Pose2;
 use protocol::time::Timestamp;
 
@@ -125,24 +125,26 @@ impl State {
             && !seen.covered.iter().any(|(b, half)| difference(*b, bearing).abs() < half + 0.2 / range_m)
     }
 
+    /// How far away the object is (m), and how a sight fits it: squared residual over its variance, and the variance, rad².
+    fn fit(&self, seen: &Seen, sight: &Sight, context: &Context<'_>) -> (f64, f64, f64) {
+        let rough = seen.bearing(context.config, sight, 3.0, 1.0);
+        let range_m = self.target.innovation(&rough).range_m;
+        let m = seen.bearing(context.config, sight, range_m, 1.0);
+        let (d2, var) = gate_distance2(&self.target.innovation(&m), &self.target, &m, context.calibrator);
+        (range_m, d2, var)
+    }
+
     /// How well a sight fits, nats against clutter.
     pub fn worth(&self, seen: &Seen, sight: &Sight, context: &Context<'_>) -> f64 {
-        let rough = seen.bearing(context.config, sight, 3.0, 1.0);
-        let m = seen.bearing(context.config, sight, self.target.innovation(&rough).range_m, 1.0);
-        let innovation = self.target.innovation(&m);
-        let (d2, var) = gate_distance2(&innovation, &self.target, &m, context.calibrator);
-        temper(sight) * (log_student(d2, var) - sight.clutter.ln())
+        let (_, d2, var) = self.fit(seen, sight, context);
+        against_clutter(sight, d2, var)
     }
 
     fn measure(&mut self, seen: &Seen, sight: &Sight, looks: &Looks, context: &Context<'_>) {
         let config = context.config;
-        let rough = seen.bearing(config, sight, 3.0, 1.0);
-        let range_m = self.target.innovation(&rough).range_m;
-        let mut m = seen.bearing(config, sight, range_m, 1.0);
-        let innovation = self.target.innovation(&m);
-        let (d2, var) = gate_distance2(&innovation, &self.target, &m, context.calibrator);
+        let (range_m, d2, var) = self.fit(seen, sight, context);
         let sigma_m = self.target.sigma_m();
-        self.score += temper(sight) * (log_student(d2, var) - sight.clutter.ln());
+        self.score += against_clutter(sight, d2, var);
         if sigma_m < KNOWN_RANGE * range_m {
             self.score -= CUE_WORTH * sight.cue.cost(range_m);
         }
@@ -154,7 +156,7 @@ impl State {
         let before = self.observers.iter().find(|(r, _)| *r == seen.robot).map(|(_, at)| *at);
         let since_s = before.map_or(1.0, |b| seen.at.seconds_since(b)).max(1e-3);
         let repeat = (2.0 * config.correlation_s / since_s).clamp(1.0, MOST_REPEAT);
-        m = seen.bearing(config, sight, range_m, repeat);
+        let mut m = seen.bearing(config, sight, range_m, repeat);
         m.var *= stretch(d2);
         self.target.update(&m);
         self.two_robots |= !alone;
@@ -180,12 +182,9 @@ impl State {
     }
 }
 
-/// What a sight counts for: errors of successive frames are alike, more so while people are in one place.
-fn temper(sight: &Sight) -> f64 {
-    if sight.merged { TEMPER_MERGED } else { TEMPER }
-}
-
-/// How far a bearing is from another, rad.
-pub fn apart(a: f64, b: f64) -> f64 {
-    wrap(a - b).abs()
+/// What a sight of squared distance `d2` and variance `var` says, nats against clutter: errors of successive frames are alike,
+/// more so while people are in one place.
+fn against_clutter(sight: &Sight, d2: f64, var: f64) -> f64 {
+    let temper = if sight.merged { TEMPER_MERGED } else { TEMPER };
+    temper * (log_student(d2, var) - sight.clutter.ln())
 }
