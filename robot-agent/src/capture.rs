@@ -1,4 +1,4 @@
-//! Where frames come from: folders of images, `.y4m` files, any video through `ffmpeg`.
+//! Where frames come from: folders of images, `.y4m` files, any video through `ffmpeg`, cameras.
 //!
 //! Problem: frames from files must carry the instant of their capture, never that of reading. Insight: every source
 //! knows its times before the first pixel is decoded (a list, or a rate), so they are checked at opening, and what can
@@ -11,8 +11,10 @@
 pub mod detections;
 mod ffmpeg;
 mod folder;
+pub mod live;
 mod picture_file;
 mod times;
+pub mod v4l;
 mod y4m;
 
 use std::path::{Path, PathBuf};
@@ -21,6 +23,7 @@ use protocol::document::DocumentError;
 use protocol::time::Timestamp;
 
 use crate::agent::Frame;
+use crate::optics::Timing;
 
 pub use picture_file::{GrayPicture, is_picture, read_gray};
 
@@ -130,11 +133,13 @@ pub enum CaptureError {
         /// Why.
         source: std::io::Error,
     },
-    /// Cameras come later.
-    #[error("{}: live cameras are not supported by this version; supported: a folder of images, a .y4m file, a video", path.display())]
-    LiveCamera {
+    /// A camera that cannot be opened, or is gone.
+    #[error("{}: {message}", path.display())]
+    Camera {
         /// The device.
         path: PathBuf,
+        /// Why.
+        message: String,
     },
 }
 
@@ -143,8 +148,8 @@ pub enum CaptureError {
 /// # Errors
 /// What makes the source as a whole unusable.
 pub fn open(input: &Path, options: CaptureOptions) -> Result<Box<dyn FrameSource>, CaptureError> {
-    if input.starts_with("/dev") {
-        return Err(CaptureError::LiveCamera { path: input.into() });
+    if is_camera(input) {
+        return Ok(Box::new(open_camera(input, options, Timing::default())?));
     }
     let metadata = std::fs::metadata(input).map_err(|source| CaptureError::Read { path: input.into(), source })?;
     if metadata.is_dir() {
@@ -159,6 +164,22 @@ pub fn open(input: &Path, options: CaptureOptions) -> Result<Box<dyn FrameSource
         return Ok(Box::new(y4m::Y4m::open(std::io::BufReader::new(file), input, options)?));
     }
     Ok(Box::new(ffmpeg::Ffmpeg::open("ffmpeg", input, options)?))
+}
+
+/// Whether an input is a camera.
+pub fn is_camera(input: &Path) -> bool {
+    input.starts_with("/dev")
+}
+
+/// Opens a camera (`/dev/video0`). `timing` is its camera file's.
+///
+/// # Errors
+/// It is not there, or has no mode of the size.
+pub fn open_camera(input: &Path, options: CaptureOptions, timing: Timing) -> Result<live::LiveCamera, CaptureError> {
+    let CaptureOptions { image_size_px, frame_rate_hz, .. } = options;
+    let driver = v4l::V4l { path: input.into(), image_size_px, frame_rate_hz };
+    live::LiveCamera::open(input.display().to_string(), Box::new(driver), timing)
+        .map_err(|fault| CaptureError::Camera { path: input.into(), message: fault.to_string() })
 }
 
 #[cfg(test)]

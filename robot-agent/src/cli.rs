@@ -161,9 +161,19 @@ fn open_frames(
     frame_rate_hz: Option<f64>,
 ) -> Result<Box<dyn FrameSource>, Failure> {
     let options = CaptureOptions { image_size_px: Some(camera.image_size_px()), frame_rate_hz, first_capture: None };
-    let source = capture::open(input, options).map_err(Failure::job)?;
+    let source = open_source(input, options, camera)?;
     for remark in source.remarks() {
         tracing::warn!("{remark}");
     }
     Ok(source)
+}
+
+/// A source of frames; a camera's are stamped by the camera file's `[timing]`.
+fn open_source(input: &Path, options: CaptureOptions, camera: &MountedCamera) -> Result<Box<dyn FrameSource>, Failure> {
+    if !capture::is_camera(input) {
+        return capture::open(input, options).map_err(Failure::job);
+    }
+    capture::open_camera(input, options, *camera.timing())
+        .map(|c| Box::new(c) as Box<dyn FrameSource>)
+        .map_err(Failure::job)
 }

@@ -25,6 +25,7 @@ pub mod kernel;
 mod own_motion;
 mod raster;
 mod regions;
+mod sensor;
 mod shadow;
 
 use std::ops::Range;
@@ -230,6 +231,7 @@ pub struct MotionStage {
     /// Picture / background, the light's common factor.
     gain: f64,
     sensor_failed: bool,
+    frozen: sensor::Frozen,
 }
 
 impl MotionStage {
@@ -288,6 +290,7 @@ impl MotionStage {
             noise_sigma: 2.0,
             gain: 1.0,
             sensor_failed: false,
+            frozen: sensor::Frozen::default(),
             settings,
         })
     }
@@ -301,7 +304,7 @@ impl MotionStage {
             return Err(MotionError::Length { what: "the picture", found: picture.len(), wanted: self.raster.len() });
         }
         self.objects.clear();
-        if let Some(failure) = sensor_failure(picture, &self.valid) {
+        if let Some(failure) = sensor::failure(picture, &self.valid) {
             let alarm = (!self.sensor_failed).then(|| AlarmKind::SensorFailure(failure.to_owned()));
             self.sensor_failed = true;
             self.state = BackgroundState::Suspended;
@@ -314,6 +317,8 @@ impl MotionStage {
         }
         self.sensor_failed = false;
         self.take(picture, capture);
+        let frozen = self.frozen.look(&self.picture, &self.before, capture);
+        let frozen = frozen.map(|why| AlarmKind::SensorFailure(why.to_owned()));
 
         let before = self.motion;
         self.motion = if self.settings.own_motion {
@@ -344,7 +349,7 @@ impl MotionStage {
                 let _ = self.build(capture);
             }
         }
-        Ok(Change { motion: self.motion, background: self.state, alarm })
+        Ok(Change { motion: self.motion, background: self.state, alarm: alarm.or(frozen) })
     }
 
     /// Objects from the marks of this frame's [`MotionStage::change`]. Does nothing while there is no background.
@@ -549,6 +554,7 @@ impl MotionStage {
     fn suspend(&mut self) {
         self.state = BackgroundState::Suspended;
         self.background.restart();
+        self.gain = 1.0;
         self.first.clear();
         self.ghosts.clear();
     }
@@ -574,7 +580,7 @@ impl MotionStage {
     fn mark(&mut self) -> usize {
         let [faint, strong] = self.settings.floor_levels.map(|f| (f * 256.0) as u16);
         let Background { level, noise, .. } = &self.background;
-        self.gain = gain::common_gain(&self.picture, level, &self.valid);
+        self.gain = gain::common_gain(&self.picture, level, &self.valid, self.gain);
         let exposure_q15 = gain::inverse_q15(self.gain);
         let mut differing = 0;
         // In bands, so that what follows on a band finds it in the cache.
@@ -733,26 +739,6 @@ fn similar(a: &Patch, b: &Patch, raster: &Raster) -> bool {
     let rows = (a.rows[1].min(b.rows[1]) + 1).saturating_sub(a.rows[0].max(b.rows[0]));
     let area = |p: &Patch| p.arc.width * (p.rows[1] - p.rows[0] + 1);
     10 * columns * rows > 7 * area(a).max(area(b))
-}
-
-/// All black or all white is no picture. Looks at a sparse sample.
-fn sensor_failure(picture: &[u8], valid: &[u8]) -> Option<&'static str> {
-    let (mut n, mut dark, mut bright) = (0, 0, 0);
-    for i in gain::sample(picture.len()).flatten() {
-        let p = picture[i];
-        if valid[i] != 0 {
-            n += 1;
-            dark += usize::from(p <= 2);
-            bright += usize::from(p >= 253);
-        }
-    }
-    if n > 0 && 100 * dark >= 98 * n {
-        Some("the picture is black")
-    } else if n > 0 && 100 * bright >= 98 * n {
-        Some("the picture is saturated")
-    } else {
-        None
-    }
 }
 
 #[cfg(test)]

@@ -3,6 +3,7 @@
 //! A [`Gallery`] keeps the little that pictures of the past need (the last 32 places of each track, cut-outs for the
 //! synopsis); everything else is drawn on demand from the frame's state, enlarged so that labels have room.
 
+mod animation;
 mod canvas;
 mod gaze;
 mod synopsis;
@@ -13,6 +14,7 @@ use std::io::Cursor;
 use image::{ImageEncoder, RgbImage};
 use protocol::message::{ObjectClass, TrackState};
 
+pub use animation::Animation;
 pub use synopsis::{MAX_CUTOUTS, is_pasted};
 
 use crate::motion::{MotionStage, Patch, Raster};
@@ -29,6 +31,9 @@ pub enum PictureError {
     /// From the encoder.
     #[error("the picture could not be encoded: {0}")]
     Encode(#[from] image::ImageError),
+    /// From the encoder of animations.
+    #[error("the animation could not be encoded: {0}")]
+    Animate(#[from] png::EncodingError),
 }
 
 /// As PNG.
@@ -60,12 +65,19 @@ pub struct Gallery {
     synopsis: Synopsis,
     /// The newest cut-out of each track of the last frame.
     portraits: Vec<Cutout>,
+    windows: gaze::Windows,
 }
 
 impl Gallery {
     /// Empty.
     pub fn new(raster: Raster) -> Self {
-        Self { raster, history: VecDeque::new(), synopsis: Synopsis::default(), portraits: Vec::new() }
+        Self {
+            raster,
+            history: VecDeque::new(),
+            synopsis: Synopsis::default(),
+            portraits: Vec::new(),
+            windows: gaze::Windows::default(),
+        }
     }
 
     /// Remember a frame. Cheap; may be left out when time is short.
@@ -80,11 +92,35 @@ impl Gallery {
                 None => self.portraits.push(Cutout::of(&scene, track.id, patch)),
             }
         }
+        self.windows.follow(tracks);
         if self.history.len() == TRACK_FRAMES {
             self.history.pop_front();
         }
         self.history.push_back(tracks.to_vec());
         self.portraits.retain(|p| self.history.iter().flatten().any(|t| t.id == p.track));
+    }
+
+    /// One frame of an animation: the picture with boxes and numbers, in a panorama also a row of gaze windows. Always of one size.
+    pub fn frame(&self, picture: &[u8], tracks: &[TrackView], view: &View) -> RgbImage {
+        const LEAST_COLUMNS: usize = 900;
+        let Raster { width, height, wraps } = self.raster;
+        let factor = LEAST_COLUMNS.div_ceil(width.max(1)).clamp(1, 3);
+        let mut canvas = Canvas::enlarged(picture, width, height, factor as u32);
+        let period = wraps.then(|| canvas.at(width as f64));
+        for track in tracks.iter().filter(|t| t.state != TrackState::Hidden) {
+            let (left, top) = (canvas.at(track.arc.start as f64), canvas.at(track.rows[0] as f64));
+            let (w, h) = (canvas.at(track.arc.width as f64), canvas.at((track.rows[1] - track.rows[0] + 1) as f64));
+            canvas.frame(left, top, w, h, colour(track.id.0), period);
+            canvas.label(canvas.at(track.axis_column) - 8.0, top, &track.id.to_string(), colour(track.id.0));
+        }
+        if !view.is_panoramic() {
+            return canvas.image;
+        }
+        let gaze = self.quick_gaze(picture, tracks, view);
+        let mut both = RgbImage::new(canvas.image.width().max(gaze.width()), canvas.image.height() + gaze.height());
+        image::imageops::replace(&mut both, &canvas.image, 0, 0);
+        image::imageops::replace(&mut both, &gaze, 0, i64::from(canvas.image.height()));
+        both
     }
 
     /// The picture with boxes, identities, bearings and ranges, and a scale of bearings below.

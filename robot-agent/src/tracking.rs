@@ -332,7 +332,10 @@ impl Tracker {
     fn view_of(&self, track: &Track) -> Option<TrackView> {
         let extent = track.extent?;
         let middle = (track.rows[0] + track.rows[1]) as f64 / 2.0;
-        let (bearing_rad, _) = self.view.angles_rad(track.axis, middle)?;
+        // Where it was at the capture time, if its rows were read sooner or later.
+        let delay_s = self.view.delay_s(track.axis, middle);
+        let axis = self.raster.wrap_column(track.axis - track.filter.rate * delay_s);
+        let (bearing_rad, _) = self.view.angles_rad(axis, middle)?;
         let step = self.view.steps_rad(track.axis, middle)[0];
         let area_px = self.areas.iter().find(|(id, _)| *id == track.id).map_or(0, |(_, a)| *a);
         Some(TrackView {
@@ -342,7 +345,7 @@ impl Tracker {
             arc: if track.state == TrackState::Hidden { track.predicted_arc(&self.raster) } else { track.arc },
             rows: track.rows,
             area_px,
-            axis_column: track.axis,
+            axis_column: axis,
             bearing_rad,
             bearing_sigma_rad: track.axis_sigma * step,
             extent,

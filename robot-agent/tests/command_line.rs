@@ -146,6 +146,71 @@ fn unwarp_says_what_is_wrong_with_a_picture() {
     assert!(!folder.path().join("out.png").exists());
 }
 
+const PINHOLE: &str = r#"
+model = "pinhole"
+image_size_px = [160, 120]
+[pinhole]
+focal_length_px = [150.0, 150.0]
+centre_px = [79.5, 59.5]
+"#;
+
+/// A textured picture in which a bright box has come some way.
+fn walk_past(n: u32, size: [u32; 2]) -> image::GrayImage {
+    image::GrayImage::from_fn(size[0], size[1], |u, v| {
+        let inside = (4 * n..4 * n + 16).contains(&u) && (40..90).contains(&v);
+        let noise = (u * 7919 + v * 104_729 + n * 15_485_863) % 4;
+        image::Luma([(if inside { 210 } else { 90 + 20 * u32::from(u / 8 % 2 == v / 8 % 2) } + noise) as u8])
+    })
+}
+
+#[test]
+fn tracking_goes_on_over_bad_frames_and_leaves_pictures_and_an_animation() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    std::fs::write(at("camera.toml"), PINHOLE).unwrap();
+    std::fs::create_dir(at("frames")).unwrap();
+    for n in 0..30 {
+        let size = if n == 17 { [80, 60] } else { [160, 120] };
+        walk_past(n, size).save(at(&format!("frames/{n:03}.png"))).unwrap();
+    }
+    let whole = std::fs::read(at("frames/020.png")).unwrap();
+    std::fs::write(at("frames/020.png"), &whole[..whole.len() / 2]).unwrap();
+    let arguments = ["track", "frames", "--camera", "camera.toml", "--frame-rate-hz", "10", "--out", "out"];
+    let output = robot_agent(folder.path(), &arguments, "");
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let lines = lines(&output);
+    assert_eq!(lines.len(), 30);
+    for (n, line) in lines.iter().enumerate() {
+        assert_eq!(line["frame"], n);
+        assert_eq!(line["error"].is_null(), n != 17 && n != 20, "{line}");
+    }
+    assert!(lines[17]["error"].as_str().unwrap().contains("80x60"));
+    assert!(!lines[28]["objects"].as_array().unwrap().is_empty(), "{}", lines[28]);
+    for name in ["background.png", "objects.png", "tracks.png", "synopsis.png", "gaze.png", "animation.png"] {
+        assert!(image::open(at(&format!("out/{name}"))).is_ok(), "{name}");
+    }
+    let animation = std::fs::read(at("out/animation.png")).unwrap();
+    assert!(animation.windows(4).any(|w| w == b"acTL"), "it is animated");
+}
+
+#[test]
+fn inputs_of_which_nothing_can_be_used_say_so() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    std::fs::write(at("camera.toml"), PINHOLE).unwrap();
+    std::fs::write(at("empty.y4m"), "YUV4MPEG2 W160 H120 F25:1 Cmono\n").unwrap();
+    let track = |input: &str, more: &[&str]| {
+        robot_agent(folder.path(), &[&["track", input, "--camera", "camera.toml"], more].concat(), "")
+    };
+    assert_fails(&track("empty.y4m", &[]), 1, &["empty.y4m", "not one frame"]);
+    assert_fails(&track("/dev/video-none", &[]), 1, &["/dev/video-none", "cannot open the camera"]);
+    walk_past(0, [160, 120]).save(at("one.png")).unwrap();
+    std::fs::write(at("nan.txt"), "1,1,NaN,2,3,4\n1,1,1,2,-3,4\n").unwrap();
+    assert_fails(&track("one.png", &["--detections", "nan.txt"]), 2, &["nan.txt", "NaN"]);
+    std::fs::write(at("far.txt"), "1,1,900,2,30,40\n").unwrap();
+    assert_fails(&track("one.png", &["--detections", "far.txt"]), 2, &["far.txt", "160 x 120", "--detections-scale"]);
+}
+
 #[test]
 fn pictures_of_a_turning_arm_become_a_mosaic_that_knows_the_time_of_its_columns() {
     let folder = tempfile::tempdir().unwrap();

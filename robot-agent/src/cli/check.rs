@@ -25,6 +25,7 @@ pub(super) struct Arguments {
 pub(super) struct Checked {
     pub(super) config: Config,
     pub(super) agent: Agent,
+    pub(super) camera: MountedCamera,
     pub(super) source: Box<dyn FrameSource>,
 }
 
@@ -41,13 +42,17 @@ pub(super) fn open(path: &Path, epoch: u64) -> Result<Checked, Failure> {
     settings.max_frame_rate_hz = config.work.max_frame_rate_hz;
     settings.budget_s = config.work.budget_s;
     let of_camera = |error| Failure::Usage(format!("{}: {error}", config.camera.display()));
-    let agent = Agent::new(settings, camera, epoch).map_err(of_camera)?;
+    let agent = Agent::new(settings, camera.clone(), epoch).map_err(of_camera)?;
     // The size is checked frame by frame by the agent, which counts what does not fit and goes on.
-    let options = CaptureOptions { frame_rate_hz: Some(config.capture.frame_rate_hz), ..CaptureOptions::default() };
+    let mut options = CaptureOptions { frame_rate_hz: Some(config.capture.frame_rate_hz), ..CaptureOptions::default() };
+    if capture::is_camera(&config.capture.source) {
+        // A camera is asked for a size.
+        options.image_size_px = Some(image_size_px);
+    }
     let of_source = |error| Failure::Usage(format!("{}: `capture.source`: {error}", path.display()));
     let source = capture::open(&config.capture.source, options).map_err(of_source)?;
     tracing::debug!("pictures of {}x{} pixels are expected", image_size_px[0], image_size_px[1]);
-    Ok(Checked { config, agent, source })
+    Ok(Checked { config, agent, camera, source })
 }
 
 /// Runs the command.
@@ -57,8 +62,7 @@ pub(super) fn execute(arguments: &Arguments) -> Result<(), Failure> {
             println!("{}", json!({ "ok": false, "error": why }));
         }
     })?;
-    let Checked { config, mut source, .. } = checked;
-    let camera = MountedCamera::load(&config.camera).map_err(Failure::usage)?;
+    let Checked { config, camera, mut source, .. } = checked;
     let frames = source.frames();
     // One frame is read: a camera file for other pictures is the commonest mistake.
     let first = match source.next_frame() {

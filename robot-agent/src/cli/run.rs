@@ -5,8 +5,9 @@ use std::time::Duration;
 
 use protocol::host_clock::Clock;
 use protocol::transport::{CLOSE_LIMIT, Options};
+use robot_agent::capture::{self, CaptureOptions};
 use robot_agent::config::{AtEnd, ReplayStart};
-use robot_agent::service::{self, Replay, Setup, Start};
+use robot_agent::service::{self, LiveSource, Replay, Setup, Start};
 
 use super::Failure;
 use super::check::{self, Checked};
@@ -24,7 +25,7 @@ pub(super) struct Arguments {
 
 /// Runs the command.
 pub(super) fn execute(arguments: &Arguments) -> Result<(), Failure> {
-    let Checked { config, agent, source } = check::open(&arguments.config, epoch())?;
+    let Checked { config, agent, camera, source } = check::open(&arguments.config, epoch())?;
     if config.connect_is_default {
         tracing::info!("{}: no [network] connect: a leader on this host is looked for", arguments.config.display());
     }
@@ -39,8 +40,21 @@ pub(super) fn execute(arguments: &Arguments) -> Result<(), Failure> {
         ReplayStart::At(instant) => drop(start.set(instant)),
     }
     let runtime = tokio::runtime::Builder::new_multi_thread().enable_all().build().map_err(Failure::job)?;
+    let input = &config.capture.source;
+    let source: Box<dyn LiveSource> = if capture::is_camera(input) {
+        // A camera serves one reader.
+        drop(source);
+        let options = CaptureOptions {
+            image_size_px: Some(camera.image_size_px()),
+            frame_rate_hz: Some(config.capture.frame_rate_hz),
+            first_capture: None,
+        };
+        Box::new(capture::open_camera(input, options, *camera.timing()).map_err(Failure::job)?)
+    } else {
+        Box::new(Replay::new(source, start.clone(), config.capture.recording_start))
+    };
     let setup = Setup {
-        source: Box::new(Replay::new(source, start.clone(), config.capture.recording_start)),
+        source,
         agent,
         clock: Clock::system(),
         team: config.team,

@@ -11,7 +11,7 @@ use robot_agent::motion::{BackgroundState, Change, MotionSettings, MotionStage, 
 use robot_agent::optics::MountedCamera;
 use robot_agent::panorama::{Lut, PanoramaGeometry};
 use robot_agent::peers::{Grid, PeerDetector};
-use robot_agent::picture::{Gallery, encode_jpeg, encode_png};
+use robot_agent::picture::{Animation, Gallery, encode_jpeg, encode_png};
 use robot_agent::tracking::{PeerBearing, TrackView, Tracker, TrackerSettings, View};
 use serde_json::{Value, json};
 
@@ -26,7 +26,7 @@ pub(super) struct Arguments {
     #[arg(long, value_name = "FILE")]
     camera: PathBuf,
     /// Where pictures go: mask/NNNNNN.png of every frame, panorama/NNNNNN.jpg, and at the end background, objects, tracks,
-    /// synopsis and gaze.
+    /// synopsis and gaze, and animation.png, which a browser plays: boxes and a window on each object.
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
     /// Frames from one annotated picture to the next.
@@ -69,6 +69,7 @@ pub(super) fn execute(arguments: &Arguments) -> Result<(), Failure> {
         let change = pipeline.step(index, frame)?;
         if let Some(dir) = &arguments.out {
             pipeline.write_pictures(dir, index, arguments.every.max(1))?;
+            pipeline.animate(time_s);
         }
         Ok(pipeline.line(index, time_s, &change))
     })?;
@@ -88,6 +89,7 @@ struct Offline {
     motion: MotionStage,
     tracker: Tracker,
     gallery: Gallery,
+    animation: Animation,
     peers: Option<PeerDetector>,
     detections: Option<Detections>,
     /// Of the frame before, as in the agent.
@@ -132,6 +134,7 @@ impl Offline {
             motion,
             tracker: Tracker::new(raster, view, TrackerSettings::default()),
             gallery: Gallery::new(raster),
+            animation: Animation::default(),
             peers,
             detections: None,
             peer_bearings: Vec::new(),
@@ -203,6 +206,15 @@ impl Offline {
         Ok(())
     }
 
+    fn animate(&mut self, time_s: f64) {
+        if self.animation.wants_next() {
+            let frame = self.gallery.frame(&self.tested, &self.tracks, self.tracker.view());
+            self.animation.add(&frame, time_s);
+        } else {
+            self.animation.skip();
+        }
+    }
+
     fn write_last_pictures(&self, dir: &Path) -> Result<(), Failure> {
         let pictures = [
             ("background.png", self.gallery.background(&self.motion)),
@@ -213,6 +225,9 @@ impl Offline {
         ];
         for (name, picture) in pictures {
             write_file(&dir.join(name), &encode_png(&picture).map_err(Failure::job)?)?;
+        }
+        if !self.animation.is_empty() {
+            write_file(&dir.join("animation.png"), &self.animation.encode().map_err(Failure::job)?)?;
         }
         Ok(())
     }

@@ -5,8 +5,12 @@
 
 use std::ops::Range;
 
-/// Largest correction, as a factor up or down; what is beyond is an event, not exposure.
+/// Largest correction at once, as a factor up or down; what is beyond is an event, not exposure.
 const LIMIT: f64 = 1.3;
+/// Largest change from one frame to the next of a correction that has grown beyond it: dusk, a slow exposure.
+const DRIFT: f64 = 1.08;
+/// Farther from the background's light it has no meaning.
+const MOST_DRIFT: f64 = 1.9;
 /// The sample: so many runs of so many pixels. Runs are cheap to read, and many enough to be everywhere.
 const RUNS: usize = 128;
 const RUN: usize = 16;
@@ -22,8 +26,9 @@ pub(super) fn sample(len: usize) -> impl Iterator<Item = Range<usize>> {
     (0..len).step_by(step).map(move |start| start..(start + RUN).min(len))
 }
 
-/// Median of picture / background; 1 where nothing can be said. Levels are 8.8 fixed point; `valid` is 0 or 1.
-pub(super) fn common_gain(picture: &[u8], background: &[u16], valid: &[u8]) -> f64 {
+/// Median of picture / background; 1 where nothing can be said. Levels are 8.8 fixed point; `valid` is 0 or 1. `before` is the gain
+/// of the frame before.
+pub(super) fn common_gain(picture: &[u8], background: &[u16], valid: &[u8], before: f64) -> f64 {
     let mut counts = [0u16; 2 * BINS];
     let mut n = 0u32;
     for run in sample(picture.len()) {
@@ -48,7 +53,8 @@ pub(super) fn common_gain(picture: &[u8], background: &[u16], valid: &[u8]) -> f
     let Some(bin) = bin else { return 1.0 };
     let count = f64::from(counts[bin]);
     let gain = (bin as f64 + (half - (below - count)) / count.max(1.0)) / BINS as f64;
-    if (1.0 / LIMIT..=LIMIT).contains(&gain) { gain } else { 1.0 }
+    let within = |gain: f64, limit: f64| (1.0 / limit..=limit).contains(&gain);
+    if within(gain, LIMIT) || within(gain / before, DRIFT) && within(gain, MOST_DRIFT) { gain } else { 1.0 }
 }
 
 /// Factor that brings a picture back to the background's exposure, as [`super::kernel::expose`] takes it (Q15).
@@ -68,7 +74,22 @@ mod tests {
             .enumerate()
             .map(|(i, b)| if i < 10_000 { 200 } else { (f64::from(b >> 8) * 1.1).round() as u8 })
             .collect();
-        let gain = common_gain(&picture, &background, &vec![1; 30_000]);
+        let gain = common_gain(&picture, &background, &vec![1; 30_000], 1.0);
         assert!((gain - 1.1).abs() < 0.02, "{gain}");
+    }
+
+    #[test]
+    fn a_light_that_fades_is_followed_and_one_that_is_switched_is_not() {
+        let background: Vec<u16> = (0..30_000u32).map(|i| ((60 + i % 120) << 8) as u16).collect();
+        let lit = |share: f64| -> Vec<u8> {
+            background.iter().map(|b| (f64::from(*b) / 256.0 * share).round() as u8).collect()
+        };
+        let mut gain = 1.0;
+        for step in 0..60 {
+            let share = 1.0 - 0.0075 * f64::from(step);
+            gain = common_gain(&lit(share), &background, &vec![1; 30_000], gain);
+            assert!((gain / share - 1.0).abs() < 0.02, "{gain} at {share}");
+        }
+        assert_eq!(common_gain(&lit(0.55), &background, &vec![1; 30_000], 1.0), 1.0);
     }
 }

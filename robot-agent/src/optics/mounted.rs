@@ -68,6 +68,11 @@ impl MountedCamera {
         Self::new(Pal::reference(), Mounting::at_height(height_m))
     }
 
+    /// The same with other delays.
+    pub fn with_timing(self, timing: Timing) -> Self {
+        Self { timing, ..self }
+    }
+
     /// The model, in its own frame.
     pub fn camera(&self) -> &dyn Camera {
         self.camera.as_ref()

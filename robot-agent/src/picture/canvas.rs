@@ -20,20 +20,22 @@ pub(crate) const WHITE: Rgb<u8> = Rgb([245, 245, 245]);
 pub(crate) const DIM: Rgb<u8> = Rgb([150, 150, 150]);
 const INK: Rgb<u8> = Rgb([12, 12, 14]);
 
+/// Of tracks, by their number.
+pub(crate) const COLOURS: [[u8; 3]; 10] = [
+    [255, 196, 37],
+    [64, 196, 255],
+    [255, 99, 132],
+    [124, 222, 88],
+    [205, 140, 255],
+    [255, 145, 60],
+    [70, 225, 190],
+    [250, 120, 220],
+    [200, 220, 70],
+    [130, 160, 255],
+];
+
 /// A colour for a number: neighbours differ clearly, also in brightness from the gray picture.
 pub(crate) fn colour(id: u32) -> Rgb<u8> {
-    const COLOURS: [[u8; 3]; 10] = [
-        [255, 196, 37],
-        [64, 196, 255],
-        [255, 99, 132],
-        [124, 222, 88],
-        [205, 140, 255],
-        [255, 145, 60],
-        [70, 225, 190],
-        [250, 120, 220],
-        [200, 220, 70],
-        [130, 160, 255],
-    ];
     Rgb(COLOURS[id as usize % COLOURS.len()])
 }
 

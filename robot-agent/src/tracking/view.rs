@@ -11,6 +11,8 @@ pub struct View {
     pub height_m: Option<(f64, f64)>,
     /// Standard deviation of the horizon's elevation (radians): tilt that is not known.
     pub tilt_sigma_rad: f64,
+    /// A camera whose rows are read one after the other.
+    rolling: Option<MountedCamera>,
 }
 
 #[derive(Debug, Clone)]
@@ -33,7 +35,7 @@ impl View {
 
     /// A panorama of which only the columns mean angles: nothing is known of the camera's height, tilt and rows.
     pub fn uncalibrated(geometry: PanoramaGeometry) -> Self {
-        Self { picture: Picture::Panorama(geometry), height_m: None, tilt_sigma_rad: 0.0 }
+        Self { picture: Picture::Panorama(geometry), height_m: None, tilt_sigma_rad: 0.0, rolling: None }
     }
 
     fn new(picture: Picture, camera: &MountedCamera) -> Self {
@@ -44,6 +46,7 @@ impl View {
             picture,
             height_m: mounting.height_m().map(|_| (camera.viewpoint_body_m().z, height_sigma_m)),
             tilt_sigma_rad: roll.hypot(pitch) / std::f64::consts::SQRT_2,
+            rolling: (camera.timing().readout_s > 0.0).then(|| camera.clone()),
         }
     }
 
@@ -54,6 +57,18 @@ impl View {
             Picture::Panorama(g) => Some((g.bearing_of_column(column), g.elevation_of_row(row))),
             Picture::Image(camera) => camera.bearing_elevation_rad(&nalgebra::Vector2::new(column, row)),
         }
+    }
+
+    /// How much later than the frame's capture time (mid-exposure of its middle row) a place was seen, seconds: a camera that
+    /// reads its rows one after the other sees what is on one side of the robot before what is on the other.
+    pub fn delay_s(&self, column: f64, row: f64) -> f64 {
+        let Some(camera) = &self.rolling else { return 0.0 };
+        let Some((bearing, elevation)) = self.angles_rad(column, row) else { return 0.0 };
+        // Any distance will do: a row is some tens of microseconds.
+        const AWAY_M: f64 = 5.0;
+        let point = camera.viewpoint_body_m() + AWAY_M * crate::optics::direction(bearing, elevation);
+        let height = f64::from(camera.image_size_px()[1]);
+        camera.project_body(&point).map_or(0.0, |at| ((at.y + 0.5) / height - 0.5) * camera.timing().readout_s)
     }
 
     /// Row of an elevation in a panorama; may lie outside of it. `None` in an image.
@@ -102,5 +117,29 @@ impl View {
     /// Whether this is a ring.
     pub fn is_panoramic(&self) -> bool {
         matches!(self.picture, Picture::Panorama(_))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::optics::Timing;
+
+    #[test]
+    fn rows_of_a_rolling_shutter_are_late_by_their_place_in_the_picture() {
+        let camera = MountedCamera::reference(0.6).with_timing(Timing { readout_s: 0.024, ..Timing::default() });
+        let geometry = PanoramaGeometry::for_camera(&camera).unwrap();
+        let view = View::panorama(geometry, &camera);
+        let delay = |bearing_deg: f64| {
+            let column = view.column_of_bearing(bearing_deg.to_radians()).unwrap();
+            view.delay_s(column, view.row_of_elevation(0.0).unwrap())
+        };
+        // The horizon is a circle round the middle: ahead and behind lie in its row, left of the robot is below it.
+        assert!(delay(0.0).abs() < 1e-4 && delay(179.9).abs() < 1e-4);
+        let radius =
+            camera.project_body(&(camera.viewpoint_body_m() + nalgebra::Vector3::new(5.0, 0.0, 0.0))).unwrap().x
+                - 383.5;
+        assert!((delay(90.0) - 0.024 * radius / 576.0).abs() < 1e-4, "{}", delay(90.0));
+        assert!((delay(-90.0) + delay(90.0)).abs() < 1e-4);
     }
 }

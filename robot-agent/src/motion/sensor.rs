@@ -1,0 +1,79 @@
+//! Pictures that are none: black, saturated, frozen.
+
+use protocol::time::Timestamp;
+
+use super::gain;
+
+/// A camera's noise makes every picture another one: the same one for so long, and so often, is an old one.
+const FROZEN_S: f64 = 2.0;
+const FROZEN_FRAMES: u32 = 8;
+
+/// All black or all white is no picture. Looks at a sparse sample.
+pub(super) fn failure(picture: &[u8], valid: &[u8]) -> Option<&'static str> {
+    let (mut n, mut dark, mut bright) = (0, 0, 0);
+    for i in gain::sample(picture.len()).flatten() {
+        let p = picture[i];
+        if valid[i] != 0 {
+            n += 1;
+            dark += usize::from(p <= 2);
+            bright += usize::from(p >= 253);
+        }
+    }
+    if n > 0 && 100 * dark >= 98 * n {
+        Some("the picture is black")
+    } else if n > 0 && 100 * bright >= 98 * n {
+        Some("the picture is saturated")
+    } else {
+        None
+    }
+}
+
+/// Since when the picture is the same.
+#[derive(Debug, Default)]
+pub(super) struct Frozen {
+    since: Option<Timestamp>,
+    frames: u32,
+}
+
+impl Frozen {
+    /// Looks at a picture and the one before; says once that they have long been the same.
+    pub(super) fn look(&mut self, picture: &[u8], before: &[u8], capture: Timestamp) -> Option<&'static str> {
+        if picture != before {
+            *self = Self::default();
+            return None;
+        }
+        let since = *self.since.get_or_insert(capture);
+        let was = self.frames;
+        // Counted until it is said; then it has been said.
+        if was < FROZEN_FRAMES {
+            self.frames += 1;
+        }
+        let now = was == FROZEN_FRAMES && capture.seconds_since(since) >= FROZEN_S;
+        if now {
+            self.frames += 1;
+        }
+        now.then_some("the picture is frozen")
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_picture_that_stays_the_same_is_said_once_and_again_after_it_moved() {
+        let mut frozen = Frozen::default();
+        let mut said = Vec::new();
+        for n in 0..200u64 {
+            let before = vec![7u8; 10];
+            let picture = if n % 100 == 50 { vec![8; 10] } else { before.clone() };
+            if frozen.look(&picture, &before, Timestamp(n * 100_000_000)).is_some() {
+                said.push(n);
+            }
+        }
+        assert_eq!(said, [20, 71, 171]);
+        // Two pictures that are the same are a slow camera's.
+        let mut slow = Frozen::default();
+        assert!((0..5u64).all(|n| slow.look(&[1], &[1], Timestamp(n * 10_000_000_000)).is_none()));
+    }
+}
