@@ -20,7 +20,7 @@ pub use clock::{ClockProbe, ClockReply};
 pub use command::{Command, CommandReply};
 pub use guidance::Guidance;
 pub use health::{Health, KindTraffic};
-pub use map::{MapRobot, MapStatus, MapTarget, Presence, TeamMap};
+pub use map::{MapRobot, MapStatus, MapTarget, Presence, TeamMap, Trust};
 pub use observation::{
     ElevationEnd, Feature, Motion, ObjectClass, Observation, Odometry, PeerSighting, SightedRange, Stages,
     TrackObservation, TrackState,

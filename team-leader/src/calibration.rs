@@ -25,3 +25,4 @@ pub mod live;
 pub mod naming;
 pub mod rover;
 pub mod slot;
+pub mod systematic;

@@ -35,6 +35,7 @@ use protocol::message::{TrackObservation, TrackState};
 use protocol::time::Timestamp;
 
 use crate::calibration::live::{Calibrator, Changes};
+use crate::calibration::systematic::SettledFrame;
 use crate::leader::config::TargetConfig;
 use crate::stereo::range_cue::{CameraFacts, RangeCue};
 use crate::stereo::target::{BearingFrom, Innovation, Target};
@@ -69,6 +70,8 @@ pub struct Follower {
     vacated: Vec<(Vector2<f64>, Timestamp)>,
     next_id: u32,
     newest: Timestamp,
+    /// Frames that left the window and were not taken yet.
+    settled: Vec<SettledFrame>,
 }
 
 /// One object.
@@ -136,7 +139,13 @@ impl Follower {
             vacated: Vec::new(),
             next_id: 1,
             newest: Timestamp::default(),
+            settled: Vec::new(),
         }
+    }
+
+    /// Frames whose owners have become final since the last call.
+    pub fn take_settled(&mut self) -> Vec<SettledFrame> {
+        std::mem::take(&mut self.settled)
     }
 
     /// All targets, believed or not.

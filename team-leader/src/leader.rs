@@ -6,19 +6,26 @@
 //! ```
 
 pub mod config;
+mod consistency;
+mod guidance;
 mod intake;
 mod member;
 
 use std::collections::BTreeSet;
 
 use protocol::id::RobotId;
-use protocol::message::{Alarm, Announcement, ClockProbe, ClockReply, Guidance, Health, Observation, TeamMap};
+use protocol::message::map::MAX_EXPLANATION_LEN;
+use protocol::message::{
+    Alarm, Announcement, ClockProbe, ClockReply, Guidance, Health, MapStatus, Observation, TeamMap,
+};
 use protocol::time::Timestamp;
 
 use crate::calibration::live::Calibrator;
+use crate::calibration::systematic::Systematic;
 use crate::correspondence::Follower;
 use crate::team_map::build::{RobotFacts, build};
-pub use config::{Anchor, CalibrationConfig, ClockConfig, LeaderCoreConfig, TargetConfig};
+pub use config::{Anchor, CalibrationConfig, ClockConfig, GuidanceConfig, LeaderCoreConfig, TargetConfig};
+use guidance::Guide;
 use member::Member;
 
 /// Most robots in a team.
@@ -67,6 +74,8 @@ pub struct Leader {
     members: Vec<Member>,
     calibrator: Calibrator,
     follower: Follower,
+    systematic: Systematic,
+    guide: Guide,
     /// Capture of the newest admitted observation, leader's clock: the stamp of the map.
     newest: Option<Timestamp>,
     sequence: u64,
@@ -79,6 +88,8 @@ impl Leader {
         Self {
             calibrator: Calibrator::new(config.calibration),
             follower: Follower::new(config.targets),
+            systematic: Systematic::new(config.targets),
+            guide: Guide::default(),
             config,
             members: Vec::new(),
             newest: None,
@@ -94,6 +105,7 @@ impl Leader {
             Input::Observation(robot, observation) => {
                 if self.observed(now, robot, &observation, outputs) {
                     outputs.push(Output::Map(self.map(now)));
+                    self.guide(now, outputs);
                 }
             }
             Input::RobotAlive(robot) => {
@@ -121,9 +133,17 @@ impl Leader {
     fn map(&mut self, now: Timestamp) -> TeamMap {
         self.sequence += 1;
         let stamp = self.newest.unwrap_or(now);
-        let facts: Vec<RobotFacts> = self.members.iter().map(|m| m.facts(now, self.config.silent_after_s)).collect();
+        let mut facts: Vec<RobotFacts> =
+            self.members.iter().map(|m| m.facts(now, self.config.silent_after_s)).collect();
+        for (robot, facts) in facts.iter_mut().enumerate() {
+            (facts.shared, facts.trust) = (self.systematic.of(robot), self.trust(robot));
+        }
         let mut map = build(&facts, &self.calibrator, &self.follower, &self.config, stamp);
         map.sequence = self.sequence;
+        if let (MapStatus::Inconsistent, Some(finding)) = (map.status, self.calibrator.findings().first()) {
+            map.explanation = self.in_words(finding);
+            map.explanation.truncate(map.explanation.floor_char_boundary(MAX_EXPLANATION_LEN));
+        }
         map
     }
 

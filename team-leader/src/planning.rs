@@ -7,6 +7,7 @@
 //! past the other robots, and every other robot past the targets.
 
 mod input;
+pub mod outlook;
 mod search;
 
 use nalgebra::Matrix2;

@@ -75,6 +75,24 @@ pub struct MapRobot {
     pub moving: bool,
     /// Estimated offset of its clock to the leader's (robot − leader), seconds, and its standard deviation.
     pub clock_offset_s: Option<(f32, f32)>,
+    /// By how much its pictures are older than their stamps say (latency that no clock probe sees; robots on the whole: 0),
+    /// seconds, and its standard deviation, where moving targets have shown it.
+    pub lag_s: Option<(f32, f32)>,
+    /// Error that all its bearings of targets share, beside its heading's, rad, and its standard deviation, where shown.
+    pub bias_rad: Option<(f32, f32)>,
+    /// Whether its errors fit the sigmas that it states.
+    pub trust: Trust,
+}
+
+/// What the leader makes of the sigmas that a robot states.
+#[derive(Debug, Clone, Copy, PartialEq, Encode, Decode)]
+pub enum Trust {
+    /// Its errors fit them.
+    Full,
+    /// Its errors are larger by this factor (> 1), by which its sigmas are widened.
+    Widened(f32),
+    /// What it sees contradicts the others; it is used only as far as it cannot do harm.
+    SetAside,
 }
 
 /// Whether a robot is there.
@@ -105,6 +123,8 @@ pub struct MapTarget {
     pub pose_jacobian: Vec<f32>,
     /// Robots that see it now.
     pub observers: Vec<RobotId>,
+    /// The two of them whose bearings serve it best from where they stand, where two see it.
+    pub pair: Option<(RobotId, RobotId)>,
     /// Seconds since it was last measured.
     pub age_s: f32,
 }
@@ -142,7 +162,15 @@ impl MapRobot {
             check::finite("robots.clock_offset_s", offset)?;
             check::in_range("robots.clock_offset_s", sigma, 0.0, f64::from(f32::MAX))?;
         }
-        Ok(())
+        for (name, value) in [("robots.lag_s", self.lag_s), ("robots.bias_rad", self.bias_rad)] {
+            let Some((value, sigma)) = value else { continue };
+            check::finite(name, value)?;
+            check::in_range(name, sigma, 0.0, f64::from(f32::MAX))?;
+        }
+        match self.trust {
+            Trust::Widened(factor) => check::in_range("robots.trust", factor, 1.0, f64::from(f32::MAX)),
+            Trust::Full | Trust::SetAside => Ok(()),
+        }
     }
 }
 

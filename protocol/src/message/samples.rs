@@ -187,6 +187,9 @@ pub(crate) fn map() -> TeamMap {
         presence: Presence::Online,
         moving: false,
         clock_offset_s: Some((0.012, 0.0005)),
+        lag_s: Some((0.06, 0.004)),
+        bias_rad: None,
+        trust: Trust::Full,
     };
     let mut joint_covariance = vec![0.0; 21];
     for (entry, variance) in [(0, 1e-8), (6, 1e-8), (11, 1e-8), (15, 1e-4), (18, 1e-4), (20, 1e-6)] {
@@ -215,6 +218,7 @@ pub(crate) fn map() -> TeamMap {
             own_covariance: [0.01, 0.001, 0.0, 0.02, 0.0, 0.005],
             pose_jacobian: vec![0.25; 12],
             observers: vec![robot("r1"), robot("r2")],
+            pair: Some((robot("r1"), robot("r2"))),
             age_s: 0.1,
         }],
     }

@@ -1,7 +1,7 @@
 //! The score against cases worked by hand.
 
 use protocol::id::LeaderId;
-use protocol::message::{MapRobot, MapStatus, Presence};
+use protocol::message::{MapRobot, MapStatus, Presence, Trust};
 
 use super::*;
 
@@ -170,6 +170,9 @@ fn map(robots: &[(&str, f64, f64, f64)]) -> TeamMap {
                 presence: Presence::Online,
                 moving: false,
                 clock_offset_s: None,
+                lag_s: None,
+                bias_rad: None,
+                trust: Trust::Full,
             })
             .collect(),
         joint_covariance: Vec::new(),
@@ -186,6 +189,7 @@ fn target(id: u32, at: [f64; 2], [xx, xy, yy]: [f32; 3]) -> MapTarget {
         own_covariance: [xx, xy, 0.0, yy, 0.0, 0.01],
         pose_jacobian: Vec::new(),
         observers: Vec::new(),
+        pair: None,
         age_s: 0.0,
     }
 }

@@ -1,7 +1,11 @@
 //! The calibration as it runs: one call an observation.
 
+mod elsewhere;
 mod robots;
 mod stations;
+mod watch;
+
+use std::collections::BTreeSet;
 
 use nalgebra::{Matrix3, Vector3};
 use protocol::frames::Pose2;
@@ -13,6 +17,7 @@ use super::convoy::Convoy;
 use super::slot::Sighted;
 use crate::leader::config::CalibrationConfig;
 use robots::Robot;
+pub use watch::Finding;
 
 /// Covariance of a pose that is given, not measured.
 const GAUGE_VAR: f64 = 1e-10;
@@ -47,6 +52,12 @@ pub struct Calibrator {
     last_solve: Option<Timestamp>,
     changes: Changes,
     fit: Fit,
+    /// What is wrong, and what of it nobody has been told yet.
+    findings: Vec<Finding>,
+    new_findings: Vec<Finding>,
+    /// Robots whose name on a marker means nothing.
+    misnamed: BTreeSet<usize>,
+    last_watch: Option<Timestamp>,
 }
 
 /// How well the standing robots' solution fits. Quantiles are dear and change only with the degrees of freedom.
@@ -99,6 +110,10 @@ impl Calibrator {
             last_solve: None,
             changes: Changes::default(),
             fit: Fit { dof: 0, usual: 0.0, utmost: 0.0 },
+            findings: Vec::new(),
+            new_findings: Vec::new(),
+            misnamed: BTreeSet::new(),
+            last_watch: None,
         }
     }
 
@@ -121,6 +136,9 @@ impl Calibrator {
     /// Works on one observation.
     pub fn observe(&mut self, look: &Look<'_>) -> Changes {
         self.changes = Changes::default();
+        let sightings: Vec<Sighted> =
+            look.sightings.iter().map(|s| Sighted { robot: self.believed_name(look.robot, s.robot), ..*s }).collect();
+        let look = &Look { sightings: &sightings, ..look.clone() };
         self.follow_motion(look);
         let rest = self.match_sightings(look);
         if self.robots[look.robot].standing_since.is_some() && look.motion == Motion::Standing {
@@ -131,6 +149,7 @@ impl Calibrator {
         self.name_strangers(look.at);
         self.check_names(look.at);
         self.solve(look.at);
+        self.watch(look.at);
         std::mem::take(&mut self.changes)
     }
 
@@ -218,12 +237,13 @@ impl Calibrator {
         let unplaced: Vec<usize> =
             (0..self.robots.len()).filter(|&r| self.robots[r].seen && !self.is_placed(r)).collect();
         let (chi2, dof) = self.block.chi2();
-        if self.gauge().is_none() {
+        if self.gauge().is_none() && self.findings.is_empty() {
             let status = if self.ambiguous.is_empty() { MapStatus::Waiting } else { MapStatus::Ambiguous };
             return (status, if self.ambiguous.is_empty() { unplaced } else { self.ambiguous.clone() });
         }
-        if dof > 0 && dof == self.fit.dof && chi2 > self.fit.utmost {
-            return (MapStatus::Inconsistent, Vec::new());
+        let wrong: Vec<usize> = self.findings.iter().flat_map(Finding::robots).collect();
+        if !wrong.is_empty() || (dof > 0 && dof == self.fit.dof && chi2 > self.fit.utmost) {
+            return (MapStatus::Inconsistent, wrong);
         }
         if !self.ambiguous.is_empty() {
             return (MapStatus::Ambiguous, self.ambiguous.clone());

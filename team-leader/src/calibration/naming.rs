@@ -51,6 +51,23 @@ pub struct View {
     pub slots: Vec<SlotMean>,
     /// Its pose as far as known, in the frame of the result: held (a member of the block) or a hint.
     pub known: Known,
+    /// Distances that are not believed.
+    pub doubt: Option<Doubt>,
+}
+
+/// Why some distances of a robot are not believed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Doubt {
+    /// Its marker is not as announced: those that others measure to it.
+    Size,
+    /// Its camera is not as announced: those that it measures.
+    Ranges,
+}
+
+/// Width of a slot of `observer` as it counts if it shows `peer`.
+fn believed(observer: &View, peer: &View, slot: &SlotMean) -> Option<(f64, f64)> {
+    let doubted = observer.doubt == Some(Doubt::Ranges) || peer.doubt == Some(Doubt::Size);
+    slot.width_rad.filter(|_| !doubted)
 }
 
 /// What is known of a robot's pose before.
@@ -75,6 +92,8 @@ pub struct Naming {
     pub names: Vec<Vec<Option<usize>>>,
     /// χ² and prices of the best naming.
     pub cost: f64,
+    /// By view: squared residuals of all that it sees and that is seen of it.
+    pub fits: Vec<f64>,
 }
 
 #[derive(Debug, Clone)]
@@ -84,6 +103,8 @@ struct Partial {
     /// By view and slot: which view it shows.
     names: Vec<Vec<Option<usize>>>,
     cost: f64,
+    /// See [`Naming::fits`].
+    fits: Vec<f64>,
 }
 
 /// Names the slots of `views`. At least one view must be `Fixed`; the result's poses are in its frame. `margin` is how much
@@ -93,6 +114,7 @@ pub fn name(views: &[View], common_width_rad: f64, margin: f64) -> Naming {
         poses: vec![None; views.len()],
         names: views.iter().map(|v| vec![None; v.slots.len()]).collect(),
         cost: 0.0,
+        fits: vec![0.0; views.len()],
     };
     for (j, view) in views.iter().enumerate() {
         if let Known::Fixed(pose) = view.known {
@@ -150,7 +172,8 @@ fn children_of(partial: &Partial, views: &[View]) -> Vec<Partial> {
             for s in open_slots(partial, views, i, j) {
                 for t in open_slots(partial, views, j, i) {
                     let (seen, back) = (&views[i].slots[s], &views[j].slots[t]);
-                    let Some((range_m, sigma_m)) = common_range(seen, back) else { continue };
+                    let widths = [believed(&views[i], &views[j], seen), believed(&views[j], &views[i], back)];
+                    let Some((range_m, sigma_m)) = common_range(widths) else { continue };
                     let pose = pose_i * relative_pose(seen.bearing_rad, back.bearing_rad, range_m);
                     let sigma = sigma_i.hypot(sigma_m).hypot(range_m * seen.bearing_var.sqrt());
                     let mut child = partial.clone();
@@ -181,8 +204,8 @@ fn open_slots<'a>(
 
 /// The distance of a pair that sees each other, and its standard deviation; `None` if the two pictures disagree or neither
 /// tells.
-fn common_range(seen: &SlotMean, back: &SlotMean) -> Option<(f64, f64)> {
-    let (width, var) = match (seen.width_rad, back.width_rad) {
+fn common_range([seen, back]: [Option<(f64, f64)>; 2]) -> Option<(f64, f64)> {
+    let (width, var) = match (seen, back) {
         (Some((a, va)), Some((b, vb))) => {
             if (a - b).abs() > RECIPROCITY_SIGMAS * (va + vb).sqrt() {
                 return None;
@@ -225,7 +248,7 @@ fn explain(partial: &mut Partial, views: &[View], observer: (usize, Pose2), peer
     let along = (sigma_m * slope).powi(2);
     let distance2 = |slot: &SlotMean| {
         let db = wrap(slot.bearing_rad - bearing);
-        let by_width = slot.width_rad.map_or(0.0, |(w, var)| (w - width).powi(2) / (var + along));
+        let by_width = believed(&views[i], &views[j], slot).map_or(0.0, |(w, var)| (w - width).powi(2) / (var + along));
         db * db / (slot.bearing_var + across) + by_width
     };
     let best = open_slots(partial, views, i, j)
@@ -258,7 +281,13 @@ fn joint_cost(partial: &mut Partial, views: &[View], common_width_rad: f64) -> f
         }
         block.insert(j, pose, &Matrix3::from_diagonal(&sigmas));
     }
-    block.solve(&links_of(partial, views));
+    let links = links_of(partial, views);
+    block.solve(&links);
+    for link in &links {
+        let size2 = block.residual2(link).map_or(0.0, |(bearing2, width2)| bearing2 + width2.unwrap_or(0.0));
+        partial.fits[link.observer] += size2;
+        partial.fits[link.peer] += size2;
+    }
     let nameless = partial.names.iter().flatten().filter(|n| n.is_none()).count();
     let placed: Vec<usize> = (0..views.len()).filter(|&j| partial.poses[j].is_some()).collect();
     let named = partial.names.iter().flatten().flatten().count();
@@ -283,7 +312,7 @@ fn links_of(partial: &Partial, views: &[View]) -> Vec<Link> {
                 peer: j,
                 bearing_rad: slot.bearing_rad,
                 bearing_var: slot.bearing_var,
-                width_rad: slot.width_rad,
+                width_rad: believed(&views[i], &views[j], slot),
             });
         }
     }
@@ -293,7 +322,7 @@ fn links_of(partial: &Partial, views: &[View]) -> Vec<Link> {
 fn conclude(solved: &[(f64, Partial)], views: &[View], margin: f64) -> Naming {
     let Some((cost, best)) = solved.first() else { return Naming::default() };
     let rivals: Vec<&Partial> = solved.iter().filter(|(c, _)| *c < cost + margin).map(|(_, p)| p).collect();
-    let mut naming = Naming { names: best.names.clone(), cost: *cost, ..Naming::default() };
+    let mut naming = Naming { names: best.names.clone(), cost: *cost, fits: best.fits.clone(), ..Naming::default() };
     let mut certain = vec![false; views.len()];
     for (j, view) in views.iter().enumerate() {
         let Some((pose, _)) = best.poses[j] else { continue };

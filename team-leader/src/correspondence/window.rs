@@ -13,6 +13,7 @@ use protocol::id::{TargetId, TrackId};
 
 use super::state::{Context, Seen, State};
 use super::{Followed, Follower};
+use crate::calibration::systematic::SettledFrame;
 
 /// How long frames are kept, seconds, and how many at most.
 const WINDOW_S: f64 = 3.0;
@@ -28,6 +29,13 @@ pub struct Kept {
 }
 
 impl Kept {
+    /// The sights that show one body alone, with their owners.
+    fn settled(&self) -> SettledFrame {
+        let owned = self.seen.sights.iter().zip(&self.owners).filter(|(s, _)| !s.merged && !s.doubtful);
+        let bearings = owned.filter_map(|(s, owner)| Some(((*owner)?, s.bearing_rad, s.sigma_rad))).collect();
+        SettledFrame { robot: self.seen.robot, at: self.seen.at, bearings }
+    }
+
     fn owned(&self, id: TargetId, changes: &[Change]) -> Option<usize> {
         (0..self.owners.len()).find(|&k| {
             let track = self.seen.sights[k].track;
@@ -172,6 +180,9 @@ impl Follower {
             if followed.trail.len() == window {
                 followed.trail.pop_front();
             }
+        }
+        if self.settled.len() < MAX_WINDOW {
+            self.settled.push(kept.settled());
         }
         for (sight, owner) in kept.seen.sights.iter().zip(&kept.owners) {
             let (Some(appearance), Some(id), false) = (&sight.appearance, owner, sight.doubtful) else { continue };

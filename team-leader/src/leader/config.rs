@@ -21,6 +21,8 @@ pub struct LeaderCoreConfig {
     pub calibration: CalibrationConfig,
     /// Moving objects.
     pub targets: TargetConfig,
+    /// Where robots should stand.
+    pub guidance: GuidanceConfig,
     /// A robot alive whose last observation is older is `Silent`, seconds.
     pub silent_after_s: f64,
 }
@@ -36,8 +38,32 @@ impl LeaderCoreConfig {
             clock: ClockConfig::default(),
             calibration: CalibrationConfig::default(),
             targets: TargetConfig::default(),
+            guidance: GuidanceConfig::default(),
             silent_after_s: 1.0,
         }
+    }
+}
+
+/// What the leader says of better places to stand.
+#[derive(Debug, Clone, PartialEq)]
+pub struct GuidanceConfig {
+    /// Whether it says anything.
+    pub enabled: bool,
+    /// Robots that may be sent elsewhere; empty: all whose pose is not given for good.
+    pub robots: Vec<RobotId>,
+    /// How far a robot may be sent along either axis, metres.
+    pub reach_m: f64,
+    /// Between words, seconds.
+    pub interval_s: f64,
+    /// The error there may be at most this part of the error here, else it is not worth the way.
+    pub worth: f64,
+    /// x and y from … to in the team frame where robots may be, metres. Without it: among the robots and where targets have been.
+    pub area_m: Option<[[f64; 2]; 2]>,
+}
+
+impl Default for GuidanceConfig {
+    fn default() -> Self {
+        Self { enabled: true, robots: Vec::new(), reach_m: 2.0, interval_s: 5.0, worth: 0.85, area_m: None }
     }
 }
 

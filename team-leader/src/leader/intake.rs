@@ -4,7 +4,9 @@ use nalgebra::Matrix3;
 use protocol::frames::Pose2;
 use protocol::id::RobotId;
 use protocol::message::observation::FeaturePart;
-use protocol::message::{Announcement, ClockProbe, ClockReply, Motion, Observation, Odometry, PeerSighting, Stages};
+use protocol::message::{
+    Announcement, ClockProbe, ClockReply, Motion, Observation, Odometry, PeerSighting, Stages, TrackState,
+};
 use protocol::time::Timestamp;
 
 use super::{Leader, Output};
@@ -82,12 +84,16 @@ impl Leader {
         self.newest = Some(self.newest.map_or(at, |n| n.max(at)));
         if admission.new_session {
             self.follower.forget_tracks(k);
+            self.systematic.new_session(k);
         }
         let sightings: Vec<Sighted> = if observation.stages.ran(Stages::PEERS) {
             observation.sightings.iter().filter_map(|s| self.sighted(s)).collect()
         } else {
             Vec::new()
         };
+        let sigmas =
+            observation.tracks.iter().filter(|t| t.state == TrackState::Visible).map(|t| t.bearing_sigma.value());
+        self.note_bearings(k, sigmas, admission.since_last_s);
         let changes = self.calibrator.observe(&Look {
             robot: k,
             at,
@@ -96,10 +102,14 @@ impl Leader {
             odometry: observation.odometry.as_ref().and_then(odometry_of),
             sightings: &sightings,
         });
+        for (robot, ..) in &changes.left {
+            self.systematic.left_station(*robot);
+        }
+        self.tell_findings(outputs);
         self.follower.follow_changes(&changes, at);
         if let (Some(pose), Motion::Standing) = (self.calibrator.station(k), observation.motion) {
             let frame = Frame { robot: k, at, at_sigma_s, pose, camera, tracks: &observation.tracks };
-            self.follower.observe(&frame, &self.calibrator);
+            self.follow(&frame, outputs);
         }
         true
     }

@@ -2,10 +2,11 @@
 
 use protocol::id::RobotId;
 use protocol::marker::Marker;
-use protocol::message::{CameraSummary, Presence};
+use protocol::message::{CameraSummary, Presence, Trust};
 use protocol::time::Timestamp;
 
 use super::config::ClockConfig;
+use crate::calibration::systematic::Shared;
 use crate::clock_offset::ClockOffset;
 use crate::team_map::build::RobotFacts;
 use crate::timeline::Timeline;
@@ -31,6 +32,8 @@ pub struct Member {
     pub clock_epoch: Option<u64>,
     /// When its last observation came, leader's clock.
     pub heard: Option<Timestamp>,
+    /// Whether people know of its lag, its bias, its too small sigmas.
+    pub told_shared: [bool; 3],
 }
 
 impl Member {
@@ -46,6 +49,7 @@ impl Member {
             last_probe: None,
             clock_epoch: None,
             heard: None,
+            told_shared: [false; 3],
         }
     }
 
@@ -72,6 +76,8 @@ impl Member {
             presence,
             clock_offset_s: self.clock.map(|c| (c.offset_s() as f32, c.sigma_s(now) as f32)),
             last_capture: self.timeline.last_capture(),
+            shared: Shared::default(),
+            trust: Trust::Full,
         }
     }
 

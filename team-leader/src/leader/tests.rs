@@ -1,5 +1,7 @@
 //! The leader against a synthetic world that shares no formula with it.
 
+mod bad_input;
+mod guidance;
 mod score;
 mod world;
 

@@ -74,6 +74,7 @@ fn target(id: u32, at: [f64; 2], [xx, xy, yy]: [f32; 3]) -> MapTarget {
         own_covariance: [xx, xy, 0.0, yy, 0.0, 0.01],
         pose_jacobian: Vec::new(),
         observers: Vec::new(),
+        pair: None,
         age_s: 0.0,
     }
 }

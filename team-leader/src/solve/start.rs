@@ -171,6 +171,7 @@ pub fn name_sightings(problem: &mut Problem) -> MapStatus {
                 }
                 None => Known::Nothing,
             },
+            doubt: None,
         })
         .collect();
     let named = naming::name(&views, 0.0, NAMING_MARGIN);

@@ -13,7 +13,7 @@ use protocol::time::Timestamp;
 use crate::calibration::kernel;
 
 /// How long a velocity lasts, seconds.
-const VELOCITY_MEMORY_S: f64 = 2.5;
+pub const VELOCITY_MEMORY_S: f64 = 2.5;
 /// Longest prediction in one go, seconds.
 const LONGEST_STEP_S: f64 = 5.0;
 /// Standard deviation of a new target's velocity, m/s.

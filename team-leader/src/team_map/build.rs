@@ -1,11 +1,12 @@
 //! The map message from calibration and targets.
 
-use nalgebra::{Matrix2x3, Matrix3};
+use nalgebra::{Matrix2x3, Matrix3, Vector2};
 use protocol::id::RobotId;
-use protocol::message::{MapRobot, MapStatus, MapTarget, Presence, TeamMap};
+use protocol::message::{MapRobot, MapStatus, MapTarget, Presence, TeamMap, Trust};
 use protocol::time::Timestamp;
 
 use crate::calibration::live::Calibrator;
+use crate::calibration::systematic::Shared;
 use crate::correspondence::{Followed, Follower, OBSERVED_S};
 use crate::leader::config::LeaderCoreConfig;
 
@@ -23,6 +24,10 @@ pub struct RobotFacts {
     pub clock_offset_s: Option<(f32, f32)>,
     /// Capture of its last observation, leader's clock.
     pub last_capture: Option<Timestamp>,
+    /// What all its bearings share.
+    pub shared: Shared,
+    /// Whether its sigmas are believed.
+    pub trust: Trust,
 }
 
 /// The map at `stamp`.
@@ -66,6 +71,9 @@ pub fn build(
                     presence: facts.presence,
                     moving: calibrator.moves(r),
                     clock_offset_s: facts.clock_offset_s,
+                    lag_s: facts.shared.lag_s.map(|(v, s)| (v as f32, s as f32)),
+                    bias_rad: facts.shared.bias_rad.map(|(v, s)| (v as f32, s as f32)),
+                    trust: facts.trust,
                 }
             })
             .collect(),
@@ -124,6 +132,10 @@ fn target_entry(
         .map(|(r, _)| robots[*r].id)
         .collect();
     observers.sort_unstable();
+    let seeing = || {
+        let lately = followed.state.observers.iter().filter(|(_, at)| stamp.seconds_since(*at) < OBSERVED_S);
+        lately.filter_map(|(r, _)| Some((robots[*r].id, calibrator.station(*r)?.position() - position)))
+    };
     Some(MapTarget {
         id: followed.id,
         position_m: [position.x, position.y, z_m],
@@ -131,9 +143,27 @@ fn target_entry(
         height_m: top_seen.then_some((top_m as f32, top_var.sqrt() as f32)),
         own_covariance: [own[(0, 0)], own[(0, 1)], 0.0, own[(1, 1)], 0.0, z_var].map(|v| v as f32),
         pose_jacobian: jacobian.map(|v| v as f32).collect(),
+        pair: best_pair(&seeing().collect::<Vec<_>>()),
         observers,
         age_s: stamp.seconds_since(followed.state.last).max(0.0) as f32,
     })
+}
+
+/// The two robots from which rays at equal sigmas place a target best: least (D₁² + D₂²)/sin²φ₀, the trace of its covariance
+/// over σ² (`MATHS.md` §5.4).
+fn best_pair(seeing: &[(RobotId, Vector2<f64>)]) -> Option<(RobotId, RobotId)> {
+    let mut best: Option<(f64, (RobotId, RobotId))> = None;
+    for (k, (a, u)) in seeing.iter().enumerate() {
+        for (b, w) in &seeing[k + 1..] {
+            let cross = u.x * w.y - u.y * w.x;
+            let (d2, e2) = (u.norm_squared(), w.norm_squared());
+            let trace = (d2 + e2) * d2 * e2 / (cross * cross).max(1e-12);
+            if best.is_none_or(|(least, _)| trace < least) {
+                best = Some((trace, (*a.min(b), *a.max(b))));
+            }
+        }
+    }
+    best.map(|(_, pair)| pair)
 }
 
 fn explanation(status: MapStatus, because: &[usize], robots: &[RobotFacts], config: &LeaderCoreConfig) -> String {

@@ -1,7 +1,7 @@
 //! The map as JSON for people and tools: names and units as in the files of `solve` and `truth.jsonl`.
 
 use nalgebra::{DMatrix, Matrix3};
-use protocol::message::{MapStatus, Presence, TeamMap};
+use protocol::message::{MapStatus, Presence, TeamMap, Trust};
 use serde::{Deserialize, Serialize};
 
 use super::build::{full_covariance, target_covariance};
@@ -54,6 +54,18 @@ pub struct RobotJson {
     pub clock_offset_s: Option<f64>,
     /// Its standard deviation.
     pub clock_offset_sigma_s: Option<f64>,
+    /// By how much its pictures are older than their stamps say, seconds.
+    pub lag_s: Option<f64>,
+    /// Its standard deviation.
+    pub lag_sigma_s: Option<f64>,
+    /// Error that all its bearings of targets share, degrees.
+    pub bias_deg: Option<f64>,
+    /// Its standard deviation.
+    pub bias_sigma_deg: Option<f64>,
+    /// full, widened, set_aside: whether its sigmas are believed.
+    pub trust: String,
+    /// The factor by which its sigmas are widened, where they are.
+    pub widened: Option<f64>,
 }
 
 /// A moving object.
@@ -79,6 +91,8 @@ pub struct TargetJson {
     pub height_sigma_m: Option<f64>,
     /// Robots that see it now.
     pub observers: Vec<String>,
+    /// The two of them whose bearings serve it best.
+    pub pair: Option<[String; 2]>,
     /// Seconds since it was last measured.
     pub age_s: f64,
 }
@@ -115,6 +129,15 @@ impl From<&TeamMap> for MapJson {
                         moving: robot.moving,
                         clock_offset_s: robot.clock_offset_s.map(|c| f64::from(c.0)),
                         clock_offset_sigma_s: robot.clock_offset_s.map(|c| f64::from(c.1)),
+                        lag_s: robot.lag_s.map(|l| f64::from(l.0)),
+                        lag_sigma_s: robot.lag_s.map(|l| f64::from(l.1)),
+                        bias_deg: robot.bias_rad.map(|b| f64::from(b.0).to_degrees()),
+                        bias_sigma_deg: robot.bias_rad.map(|b| f64::from(b.1).to_degrees()),
+                        trust: trust_word(robot.trust).to_owned(),
+                        widened: match robot.trust {
+                            Trust::Widened(factor) => Some(f64::from(factor)),
+                            Trust::Full | Trust::SetAside => None,
+                        },
                     }
                 })
                 .collect(),
@@ -132,6 +155,7 @@ impl From<&TeamMap> for MapJson {
                     height_m: t.height_m.map(|h| f64::from(h.0)),
                     height_sigma_m: t.height_m.map(|h| f64::from(h.1)),
                     observers: t.observers.iter().map(ToString::to_string).collect(),
+                    pair: t.pair.map(|(a, b)| [a.to_string(), b.to_string()]),
                     age_s: f64::from(t.age_s),
                 })
                 .collect(),
@@ -155,6 +179,14 @@ pub fn status_word(status: MapStatus) -> &'static str {
         MapStatus::Ambiguous => "ambiguous",
         MapStatus::Inconsistent => "inconsistent",
         MapStatus::Insufficient => "insufficient",
+    }
+}
+
+fn trust_word(trust: Trust) -> &'static str {
+    match trust {
+        Trust::Full => "full",
+        Trust::Widened(_) => "widened",
+        Trust::SetAside => "set_aside",
     }
 }
 

@@ -7,11 +7,12 @@ use protocol::time::Timestamp;
 use super::{Calibrator, FRESH_S, LEAST_COUNT, Look, MAX_SLOTS};
 use crate::calibration::block::Link;
 use crate::calibration::kernel;
+use crate::calibration::naming::Doubt;
 use crate::calibration::rover::Rover;
 use crate::calibration::slot::{Sighted, Slot};
 
 /// A robot as the calibration knows it.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 pub struct Robot {
     /// It has sent an observation.
     pub seen: bool,
@@ -23,6 +24,27 @@ pub struct Robot {
     pub rover: Option<Rover>,
     /// Checks in a row that contradict its place.
     pub contradictions: u32,
+    /// Distances of it that are not believed.
+    pub doubt: Option<Doubt>,
+    /// Looks in a row at which the rest fits without it alone, and the factor on the variances of its links that follows.
+    pub blamed: u32,
+    /// See `blamed`.
+    pub aside: f64,
+}
+
+impl Default for Robot {
+    fn default() -> Self {
+        Self {
+            seen: false,
+            standing_since: None,
+            slots: Vec::new(),
+            rover: None,
+            contradictions: 0,
+            doubt: None,
+            blamed: 0,
+            aside: 1.0,
+        }
+    }
 }
 
 impl Calibrator {
@@ -70,6 +92,7 @@ impl Calibrator {
                 }
             }
         }
+        self.absolve(robot);
         self.robots[robot].slots.clear();
         for r in &mut self.robots {
             r.slots.retain(|s| s.name != Some(robot));
@@ -109,7 +132,8 @@ impl Calibrator {
         for (r, robot) in self.robots.iter().enumerate() {
             let Some(rover) = &robot.rover else { continue };
             for (k, sighted) in floored.iter().enumerate().filter(|(k, s)| free[*k] && s.robot.is_none_or(|t| t == r)) {
-                if let Some(d2) = rover.distance2_seen(&self.block, look.robot, look.at, sighted) {
+                let sighted = self.believed(look.robot, r, sighted);
+                if let Some(d2) = rover.distance2_seen(&self.block, look.robot, look.at, &sighted) {
                     pairs.push((d2, r, k));
                 }
             }
@@ -117,9 +141,10 @@ impl Calibrator {
         let mut taken = vec![false; floored.len()];
         for (r, k) in best_pairs(pairs) {
             let standing = self.robots[r].standing_since.is_some();
+            let sighted = self.believed(look.robot, r, &floored[k]);
             if let Some(rover) = &mut self.robots[r].rover {
                 rover.predict(look.at, standing);
-                rover.update_seen(&self.block, look.robot, look.at, &floored[k]);
+                rover.update_seen(&self.block, look.robot, look.at, &sighted);
             }
             // A robot that stands again is to get a slot.
             taken[k] = !standing;
@@ -132,14 +157,16 @@ impl Calibrator {
         let mut pairs: Vec<(f64, usize, usize)> = Vec::new();
         for &member in self.block.members() {
             for (k, sighted) in floored.iter().enumerate().filter(|(_, s)| s.robot.is_none_or(|t| t == member)) {
-                if let Some(d2) = rover.distance2_sees(&self.block, member, look.at, sighted) {
+                let sighted = self.believed(look.robot, member, sighted);
+                if let Some(d2) = rover.distance2_sees(&self.block, member, look.at, &sighted) {
                     pairs.push((d2, member, k));
                 }
             }
         }
         for (member, k) in best_pairs(pairs) {
+            let sighted = self.believed(look.robot, member, &floored[k]);
             if let Some(rover) = &mut self.robots[look.robot].rover {
-                rover.update_sees(&self.block, member, look.at, &floored[k]);
+                rover.update_sees(&self.block, member, look.at, &sighted);
             }
         }
     }
@@ -183,8 +210,22 @@ impl Calibrator {
     }
 
     pub(super) fn link(&self, observer: usize, peer: usize, mean: &Sighted) -> Link {
-        let mean = self.with_floors(mean);
-        Link { observer, peer, bearing_rad: mean.bearing_rad, bearing_var: mean.bearing_var, width_rad: mean.width_rad }
+        let mean = self.believed(observer, peer, &self.with_floors(mean));
+        let aside = self.robots[observer].aside.max(self.robots[peer].aside);
+        Link {
+            observer,
+            peer,
+            bearing_rad: mean.bearing_rad,
+            bearing_var: aside * mean.bearing_var,
+            width_rad: mean.width_rad.map(|(w, var)| (w, aside * var)),
+        }
+    }
+
+    /// A sighting of `peer` by `observer` without what is not believed of them.
+    pub(super) fn believed(&self, observer: usize, peer: usize, sighted: &Sighted) -> Sighted {
+        let doubted =
+            self.robots[observer].doubt == Some(Doubt::Ranges) || self.robots[peer].doubt == Some(Doubt::Size);
+        Sighted { width_rad: sighted.width_rad.filter(|_| !doubted), ..*sighted }
     }
 
     /// What a member should see of another at present: bearing and width, variances of the poses alone.

@@ -5,13 +5,14 @@ use protocol::angle::wrap;
 use protocol::frames::Pose2;
 use protocol::time::Timestamp;
 
+use super::Finding;
 use super::{
     CHECK_INTERVAL_S, CONTRADICTIONS, Calibrator, FRESH_S, Fit, GAUGE_VAR, LEAST_COUNT, NAMING_INTERVAL_S, SETTLED_S,
 };
 use crate::calibration::naming::{self, Known, Naming, View};
 
 /// Covariance of a member that only its links determine (m², m², rad²).
-const WEAK: [f64; 3] = [100.0, 100.0, 9.0];
+pub(super) const WEAK: [f64; 3] = [100.0, 100.0, 9.0];
 /// Blocks of more members are solved at most this often, seconds.
 const LARGE_BLOCK: usize = 8;
 const LARGE_BLOCK_INTERVAL_S: f64 = 0.1;
@@ -40,6 +41,7 @@ impl Calibrator {
                 .iter()
                 .filter(|&&peer| peer != robot && mean.robot.is_none_or(|told| told == peer))
                 .filter_map(|&peer| {
+                    let mean = self.believed(robot, peer, &mean);
                     let predicted = self.predicted(robot, peer)?;
                     let db = wrap(mean.bearing_rad - predicted.bearing_rad);
                     let mut d2 = db * db / (mean.bearing_var + predicted.bearing_var);
@@ -156,6 +158,7 @@ impl Calibrator {
         for robot in elsewhere {
             self.depart(robot, at);
             self.robots[robot].rover = None;
+            self.new_findings.push(Finding::Carried { robot });
             for r in &mut self.robots {
                 r.contradictions = 0;
             }
@@ -172,14 +175,7 @@ impl Calibrator {
             return;
         }
         self.last_solve = Some(at);
-        let mut links = Vec::new();
-        for &observer in &members {
-            for slot in &self.robots[observer].slots {
-                if let Some(peer) = slot.name.filter(|p| self.block.contains(*p)) {
-                    links.push(self.link(observer, peer, &slot.mean()));
-                }
-            }
-        }
+        let links = self.links();
         let before: Vec<Option<Pose2>> = members.iter().map(|&m| self.block.pose(m)).collect();
         self.block.solve(&links);
         let (_, dof) = self.block.chi2();
@@ -203,6 +199,19 @@ impl Calibrator {
         }
     }
 
+    /// What the members see of each other.
+    pub(super) fn links(&self) -> Vec<crate::calibration::block::Link> {
+        let mut links = Vec::new();
+        for &observer in self.block.members() {
+            for slot in &self.robots[observer].slots {
+                if let Some(peer) = slot.name.filter(|p| self.block.contains(*p)) {
+                    links.push(self.link(observer, peer, &slot.mean()));
+                }
+            }
+        }
+        links
+    }
+
     fn settled(&self, robot: usize, at: Timestamp) -> bool {
         self.robots[robot].standing_since.is_some_and(|t| at.seconds_since(t) >= SETTLED_S)
     }
@@ -215,18 +224,18 @@ impl Calibrator {
             .collect()
     }
 
-    fn views(&self, at: Timestamp, known: impl Fn(usize) -> Known) -> Vec<View> {
+    pub(super) fn views(&self, at: Timestamp, known: impl Fn(usize) -> Known) -> Vec<View> {
         let standing = (0..self.robots.len()).filter(|&r| self.settled(r, at) || self.block.contains(r));
         standing
             .map(|robot| {
                 let mean = |s: usize| self.with_floors(&self.robots[robot].slots[s].mean());
                 let slots = self.fresh_slots(robot, at).into_iter().map(mean).collect();
-                View { robot, slots, known: known(robot) }
+                View { robot, slots, known: known(robot), doubt: self.robots[robot].doubt }
             })
             .collect()
     }
 
-    fn take_names(&mut self, naming: &Naming, views: &[View], at: Timestamp) {
+    pub(super) fn take_names(&mut self, naming: &Naming, views: &[View], at: Timestamp) {
         self.ambiguous.clone_from(&naming.ambiguous);
         for (robot, pose) in &naming.placed {
             if self.block.contains(*robot) {

@@ -28,7 +28,7 @@ fn views(truth: &[Pose2], rng: &mut ChaCha8Rng) -> Vec<View> {
         }
         slots.sort_by(|a, b| a.bearing_rad.total_cmp(&b.bearing_rad));
         let known = if i == 0 { Known::Fixed(truth[0]) } else { Known::Nothing };
-        views.push(View { robot: i, slots, known });
+        views.push(View { robot: i, slots, known, doubt: None });
     }
     views
 }
@@ -121,7 +121,7 @@ fn one_robot_that_nobody_sees_stays_without_a_place() {
     let mut rng = ChaCha8Rng::seed_from_u64(6);
     let truth = [pose(0.0, 0.0, 0.0), pose(3.0, 0.5, 130.0), pose(1.0, 2.8, -70.0)];
     let mut views = views(&truth[..2], &mut rng);
-    views.push(View { robot: 2, slots: Vec::new(), known: Known::Nothing });
+    views.push(View { robot: 2, slots: Vec::new(), known: Known::Nothing, doubt: None });
     let naming = name(&views, 5e-4, 14.0);
     assert_eq!(naming.placed.iter().map(|p| p.0).collect::<Vec<_>>(), vec![0, 1]);
 }

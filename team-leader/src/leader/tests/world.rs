@@ -54,6 +54,31 @@ pub struct Settings {
     pub names: Vec<&'static str>,
     /// Given places instead of random ones.
     pub places: Option<Vec<[f64; 3]>>,
+    /// What is wrong.
+    pub faults: Vec<Fault>,
+    /// From when on the first robot that is told of a better place goes there.
+    pub follows_from_s: Option<f64>,
+}
+
+/// What is wrong with a robot, by its number.
+#[derive(Debug, Clone, Copy)]
+pub enum Fault {
+    /// It is so many times as thick as it announces.
+    Thick(usize, f64),
+    /// Every marker says a name; this one says that of another robot.
+    Called(usize, usize),
+    /// Its stamps say later than its pictures are, seconds.
+    Late(usize, f64),
+    /// Errors of its tracks are so many times as large as stated.
+    Noisy(usize, f64),
+    /// Its tracks' bearings are turned, degrees.
+    Turned(usize, f64),
+    /// Somebody puts it elsewhere at a time and it does not notice.
+    Carried(usize, f64, [f64; 3]),
+    /// It sees another robot in the opposite direction.
+    Backwards(usize, usize),
+    /// It sees no robot.
+    Blind(usize),
 }
 
 impl Settings {
@@ -95,6 +120,8 @@ impl Default for Settings {
             doubt_s: 0.0,
             names: vec!["r1", "r2", "r3", "r4", "r5"],
             places: None,
+            faults: Vec::new(),
+            follows_from_s: None,
         }
     }
 }
@@ -152,6 +179,12 @@ pub struct World {
     common_bias: f64,
     history: Vec<(f64, Vec<[f64; 3]>, Vec<PersonTruth>)>,
     costs: Option<Vec<f64>>,
+    /// What the leader told people.
+    pub notices: Vec<String>,
+    /// What it said of better places, and when.
+    pub guidance: Vec<(f64, protocol::message::Guidance)>,
+    /// When the robot that went where it was told stands there.
+    pub arrived_s: Option<f64>,
 }
 
 fn normal(rng: &mut ChaCha8Rng, sigma: f64) -> f64 {
@@ -231,6 +264,9 @@ impl World {
             common_bias,
             history: Vec::new(),
             costs: None,
+            notices: Vec::new(),
+            guidance: Vec::new(),
+            arrived_s: None,
             settings,
         };
         for _ in 0..world.settings.people {
@@ -287,6 +323,7 @@ impl World {
             post.push((0.01, Input::Announcement(announcement(r.id))));
         }
         let mut outputs = Vec::new();
+        let mut last = None;
         while self.time_s < self.settings.duration_s {
             self.time_s += STEP_S;
             self.step();
@@ -319,7 +356,10 @@ impl World {
             }
             for output in outputs.drain(..) {
                 match output {
-                    Output::Map(map) => look(self, &map),
+                    Output::Map(map) => {
+                        look(self, &map);
+                        last = Some(map);
+                    }
                     Output::ClockProbe(robot, probe) => {
                         let r = self.robots.iter().find(|r| r.id == robot).unwrap();
                         let out_s = self.rng.random_range(0.0005..0.004);
@@ -333,11 +373,35 @@ impl World {
                         let sent_s = probe.sent.seconds_since(clock(0.0));
                         post.push((sent_s + out_s + 1e-4 + back_s, Input::ClockReply(robot, reply)));
                     }
-                    Output::Guidance(_) => {}
-                    Output::Notice(text) => println!("notice at {now_s:.2}: {text}"),
+                    Output::Guidance(guidance) => {
+                        let listens = self.settings.follows_from_s.is_some_and(|t| now_s > t);
+                        if listens && self.arrived_s.is_none() {
+                            self.follow(&guidance, last.as_ref());
+                        }
+                        self.guidance.push((now_s, guidance));
+                    }
+                    Output::Notice(text) => {
+                        println!("notice at {now_s:.2}: {text}");
+                        self.notices.push(text);
+                    }
                 }
             }
         }
+    }
+
+    /// The robot goes to its goal by what the map says of its own pose.
+    fn follow(&mut self, guidance: &protocol::message::Guidance, map: Option<&TeamMap>) {
+        let believed = map.and_then(|m| m.robots.iter().find(|r| r.id == guidance.robot)?.team_from_body);
+        let (Some(believed), Some(k)) = (believed, self.robots.iter().position(|r| r.id == guidance.robot)) else {
+            return;
+        };
+        let step = believed.inverse() * guidance.team_from_goal;
+        let [x, y, heading] = self.robots[k].pose;
+        let (s, c) = heading.sin_cos();
+        let goal = [x + c * step.x_m - s * step.y_m, y + s * step.x_m + c * step.y_m, heading + step.heading_rad];
+        let end_s = self.time_s + step.position().norm() / 0.5 + 1.0;
+        self.robots[k].goal = Some(([x, y, heading], goal, self.time_s, end_s));
+        self.arrived_s = Some(end_s);
     }
 
     fn step(&mut self) {
@@ -419,12 +483,25 @@ impl World {
         *self.bias.entry(key).or_insert_with(|| normal(rng, sigma))
     }
 
+    /// What a fault gives for a robot, else `none`.
+    fn fault(&self, none: f64, of: impl Fn(&Fault) -> Option<f64>) -> f64 {
+        self.settings.faults.iter().find_map(of).unwrap_or(none)
+    }
+
     fn observe(&mut self, k: usize) -> Observation {
+        for fault in self.settings.faults.clone() {
+            if let Fault::Carried(who, at_s, pose) = fault
+                && self.time_s >= at_s
+            {
+                self.robots[who].pose = pose;
+            }
+        }
+        let late_s = self.fault(0.0, |f| if let Fault::Late(r, s) = f { (*r == k).then_some(*s) } else { None });
         let r = &mut self.robots[k];
         let (sequence, t) = (r.frames, self.time_s);
         r.frames += 1;
         r.next_s = r.phase_s + 0.1 * f64::from(r.frames) + self.rng.random_range(-0.01..0.01);
-        let capture = clock(t + self.robots[k].offset_s);
+        let capture = clock(t + self.robots[k].offset_s + late_s);
         // The robot notices late, both ways.
         let motion = match self.robots[k].goal {
             Some((_, _, from_s, to_s)) if t > from_s + 0.25 && t < to_s + 0.2 => Motion::Moving,
@@ -451,7 +528,18 @@ impl World {
     fn sightings(&mut self, k: usize) -> Vec<PeerSighting> {
         let me = self.robots[k].pose;
         let mut found = Vec::new();
+        if self.settings.faults.iter().any(|f| matches!(f, Fault::Blind(r) if *r == k)) {
+            return found;
+        }
+        let named = self.settings.faults.iter().any(|f| matches!(f, Fault::Called(..)));
         for j in (0..self.robots.len()).filter(|j| *j != k) {
+            let backwards =
+                self.settings.faults.iter().any(|f| matches!(f, Fault::Backwards(a, b) if (*a, *b) == (k, j)));
+            let thick = self.fault(1.0, |f| if let Fault::Thick(r, x) = f { (*r == j).then_some(*x) } else { None });
+            let called = self.settings.faults.iter().find_map(|f| match f {
+                Fault::Called(r, name) if *r == j => Some(*name),
+                _ => None,
+            });
             let other = self.robots[j].pose;
             let d = apart([me[0], me[1]], [other[0], other[1]]);
             let b = wrapped((other[1] - me[1]).atan2(other[0] - me[0]) - me[2]);
@@ -468,13 +556,15 @@ impl World {
             let right = normal(&mut self.rng, edge);
             let shift = self.pair_bias(k, j, 0);
             let wider = self.common_bias + self.pair_bias(k, j, 1);
-            let width = 2.0 * (0.2 / d).asin() + left - right + wider;
+            let width = 2.0 * (0.2 * thick / d).asin() + left - right + wider;
             let range = 0.2 / (0.5 * width).sin();
             let range_sigma = range * (range * range - 0.04).sqrt() / 0.4 * 2f64.sqrt() * edge;
             found.push(PeerSighting {
                 marker: 0,
-                robot: None,
-                bearing: Angle16::from_rad(b + 0.5 * (left + right) + shift),
+                robot: named.then(|| self.robots[called.unwrap_or(j)].id),
+                bearing: Angle16::from_rad(
+                    b + 0.5 * (left + right) + shift + if backwards { std::f64::consts::PI } else { 0.0 },
+                ),
                 bearing_sigma: LogSigma::from_value(edge / 2f64.sqrt()),
                 range: Some(SightedRange {
                     range: Millimetres::from_m(range),
@@ -578,10 +668,13 @@ impl World {
                 self.people[n].seen_by.push(k);
             }
             let white = self.settings.white_deg.to_radians();
+            let noisy = self.fault(1.0, |f| if let Fault::Noisy(r, x) = f { (*r == k).then_some(*x) } else { None });
+            let turned = self.fault(0.0, |f| if let Fault::Turned(r, x) = f { (*r == k).then_some(*x) } else { None });
             let sway = if n < 100 { self.robots[k].sway[n] / d } else { 0.0 };
-            let mut bearing = b + sway + normal(&mut self.rng, white);
-            let mut width = 2.0 * half;
             let mut sigma = white.hypot(self.settings.sway_m / d);
+            let extra = (noisy * noisy - 1.0).sqrt() * sigma;
+            let mut bearing = b + sway + normal(&mut self.rng, white.hypot(extra)) + turned.to_radians();
+            let mut width = 2.0 * half;
             if merged && !speaks && !self.settings.regions {
                 // Taken apart as well as it goes; the error lasts.
                 sigma = sigma.hypot(0.4 * half);

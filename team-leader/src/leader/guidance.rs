@@ -1,0 +1,286 @@
+//! Where robots should stand for a better view of the targets there are, said while the team runs.
+//!
+//! The present targets are where targets have been in the last seconds. In turn, for each standing robot, a grid of places
+//! round it is tried, a few places a message, so that no step takes long: what would the map's error be if this robot stood
+//! there, the others as they are ([`crate::planning::outlook`])? After a round the robot that gains most is told, if that is
+//! worth the way; the others wait, since their best places depend on it. A goal once given is kept while it is nearly the
+//! best, and nobody is told twice within the configured interval.
+
+use std::collections::VecDeque;
+
+use nalgebra::{DMatrix, Vector2};
+use protocol::frames::Pose2;
+use protocol::message::Guidance;
+use protocol::time::Timestamp;
+
+use super::{Leader, Output};
+use crate::calibration::block::Block;
+use crate::planning::outlook::{Post, joint, mean_square_m2};
+
+/// Places along each side of the grid, and of the finer one round its best.
+const GRID: i32 = 15;
+const FINE: i32 = 5;
+/// Work on one message: places times targets' places times robots.
+const WORK: usize = 250;
+/// Targets' places are kept so long, seconds, so far apart in time, and so many.
+const KEPT_S: f64 = 20.0;
+const SAMPLE_S: f64 = 1.0;
+const MAX_SAMPLES: usize = 60;
+/// Used in a plan at most.
+const MAX_PLACES: usize = 16;
+/// From other robots and from where targets were, metres.
+const APART_M: f64 = 0.7;
+const FROM_TARGETS_M: f64 = 0.5;
+/// A goal given before is kept while no other is better by this factor.
+const BETTER: f64 = 0.93;
+/// A robot that stands within this of where it stood has not gone anywhere, metres.
+const SAME_M: f64 = 0.2;
+/// Bearings' mean squares follow within so many bearings.
+const SIGMA_MEMORY: f64 = 100.0;
+
+/// The planner's state.
+#[derive(Debug, Default)]
+pub struct Guide {
+    samples: VecDeque<(Timestamp, Vector2<f64>)>,
+    last_sample: Option<Timestamp>,
+    /// Variance that each robot states of a bearing, and frames a second.
+    seen: Vec<(f64, f64)>,
+    round: Option<Round>,
+    /// Goals given: robot, where it stood, where to.
+    goal: Option<(usize, Pose2, Pose2)>,
+    last_told: Option<Timestamp>,
+}
+
+/// One look at all robots.
+#[derive(Debug)]
+struct Round {
+    robots: Vec<usize>,
+    posts: Vec<Post>,
+    places: Vec<Vector2<f64>>,
+    here_m2: f64,
+    /// Number in `robots` of whom it is about, the others' calibration without it, places to try, the best of them.
+    turn: usize,
+    rest: Option<Block>,
+    trials: Vec<Vector2<f64>>,
+    fine: bool,
+    best: Option<(f64, Vector2<f64>)>,
+    /// Best of each robot so far.
+    found: Vec<(f64, usize, Vector2<f64>)>,
+}
+
+impl Leader {
+    /// Goes on with planning by one message of work.
+    pub(super) fn guide(&mut self, now: Timestamp, outputs: &mut Vec<Output>) {
+        if !self.config.guidance.enabled {
+            return;
+        }
+        self.sample(now);
+        if self.guide.round.is_none() {
+            let config = &self.config.guidance;
+            let wait = self.guide.last_told.is_some_and(|t| now.seconds_since(t) < config.interval_s);
+            if wait || self.somebody_moves() || !self.begin_round() {
+                return;
+            }
+        }
+        if self.somebody_moves() {
+            self.guide.round = None;
+            return;
+        }
+        self.go_on(now, outputs);
+    }
+
+    /// What a robot's frame says of its bearings.
+    pub(super) fn note_bearings(&mut self, robot: usize, sigmas: impl Iterator<Item = f64>, since_s: Option<f64>) {
+        while self.guide.seen.len() <= robot {
+            self.guide.seen.push((0.0, 0.0));
+        }
+        let (var, rate_hz) = &mut self.guide.seen[robot];
+        for sigma in sigmas {
+            *var += if *var == 0.0 { sigma * sigma } else { (sigma * sigma - *var) / SIGMA_MEMORY };
+        }
+        if let Some(since_s) = since_s.filter(|s| *s > 1e-3) {
+            *rate_hz += if *rate_hz == 0.0 { 1.0 / since_s } else { (1.0 / since_s - *rate_hz) / SIGMA_MEMORY };
+        }
+    }
+
+    fn sample(&mut self, now: Timestamp) {
+        if self.guide.last_sample.is_some_and(|t| now.seconds_since(t) < SAMPLE_S) {
+            return;
+        }
+        self.guide.last_sample = Some(now);
+        let samples = &mut self.guide.samples;
+        for followed in self.follower.targets().iter().filter(|f| f.is_confirmed()) {
+            if samples.len() >= MAX_SAMPLES {
+                samples.pop_front();
+            }
+            samples.push_back((now, followed.state.target.position()));
+        }
+        samples.retain(|(at, _)| now.seconds_since(*at) < KEPT_S);
+    }
+
+    fn somebody_moves(&self) -> bool {
+        (0..self.members.len()).any(|r| self.members[r].alive && self.calibrator.moves(r))
+    }
+
+    fn begin_round(&mut self) -> bool {
+        let stations: Vec<(usize, Pose2)> = self.calibrator.stations().collect();
+        let guide = &self.guide;
+        if stations.len() < 2 || guide.samples.is_empty() {
+            return false;
+        }
+        let robots: Vec<usize> = stations.iter().map(|(r, _)| *r).collect();
+        let post = |&(robot, pose): &(usize, Pose2)| {
+            let (var, rate_hz) = guide.seen.get(robot).copied().filter(|(var, rate)| *var > 0.0 && *rate > 0.0)?;
+            let radius_m = self.members[robot].radius_m().unwrap_or(0.25);
+            Some(Post { pose, radius_m, sigma_rad: var.sqrt(), rate_hz })
+        };
+        let Some(posts) = stations.iter().map(post).collect::<Option<Vec<_>>>() else { return false };
+        // Evenly over the time that is kept.
+        let stride = guide.samples.len().div_ceil(MAX_PLACES);
+        let places: Vec<_> = guide.samples.iter().step_by(stride).map(|(_, p)| *p).collect();
+        let poses = joint(&robots, |a, b| self.calibrator.covariance(a, b));
+        let Some(here_m2) = mean_square_m2(&posts, &poses, &places, &self.config.targets) else { return false };
+        self.guide.round = Some(Round {
+            robots,
+            posts,
+            places,
+            here_m2,
+            turn: 0,
+            rest: None,
+            trials: Vec::new(),
+            fine: false,
+            best: None,
+            found: Vec::new(),
+        });
+        true
+    }
+
+    fn go_on(&mut self, now: Timestamp, outputs: &mut Vec<Output>) {
+        let Some(mut round) = self.guide.round.take() else { return };
+        let mut work = WORK;
+        while round.turn < round.robots.len() {
+            if round.rest.is_none() {
+                self.begin_turn(&mut round);
+            }
+            while let Some(trial) = round.trials.pop() {
+                let Some(rest) = &round.rest else { break };
+                if let Some(value) = self.expected(&round, round.turn, rest, trial)
+                    && round.best.is_none_or(|(least, _)| value < least)
+                {
+                    round.best = Some((value, trial));
+                }
+                work = work.saturating_sub(round.places.len() * round.posts.len());
+                if work == 0 {
+                    self.guide.round = Some(round);
+                    return;
+                }
+            }
+            match (round.best, round.fine) {
+                (Some((_, place)), false) => {
+                    round.fine = true;
+                    let step = 2.0 * self.config.guidance.reach_m / f64::from(GRID - 1) / f64::from(FINE);
+                    round.trials = grid(place, FINE, step);
+                }
+                (best, _) => {
+                    round.found.extend(best.map(|(value, place)| (value, round.turn, place)));
+                    (round.turn, round.rest, round.fine, round.best) = (round.turn + 1, None, false, None);
+                }
+            }
+        }
+        self.conclude(now, &round, outputs);
+    }
+
+    /// The robots without the one whose turn it is, and places for it.
+    fn begin_turn(&self, round: &mut Round) {
+        let robot = round.robots[round.turn];
+        round.rest = Some(self.calibrator.without(robot));
+        if !self.may_be_sent(robot) {
+            round.trials.clear();
+            round.fine = true;
+            return;
+        }
+        let reach_m = self.config.guidance.reach_m;
+        let mut trials = grid(round.posts[round.turn].pose.position(), GRID, 2.0 * reach_m / f64::from(GRID - 1));
+        if let Some((_, _, goal)) = self.guide.goal.filter(|(r, stood, _)| *r == robot && same(stood, round, robot)) {
+            trials.push(goal.position());
+        }
+        round.trials = trials;
+    }
+
+    fn may_be_sent(&self, robot: usize) -> bool {
+        let (id, config) = (self.members[robot].id, &self.config);
+        let named = config.guidance.robots.is_empty() || config.guidance.robots.contains(&id);
+        named && config.fixed.iter().all(|f| f.robot != id)
+    }
+
+    /// Expected mean square error if the robot of a turn stood at `place`, beside the `rest`; `None` where it may not.
+    fn expected(&self, round: &Round, turn: usize, rest: &Block, place: Vector2<f64>) -> Option<f64> {
+        let robot = round.robots[turn];
+        let apart = |p: Vector2<f64>, least: f64| (p - place).norm() >= least;
+        let others = || round.posts.iter().enumerate().filter(|(k, _)| *k != turn).map(|(_, p)| p);
+        let free = others().all(|p| apart(p.pose.position(), APART_M))
+            && round.places.iter().all(|p| apart(*p, FROM_TARGETS_M))
+            && self.is_known_ground(round, place);
+        if !free {
+            return None;
+        }
+        let mut posts = round.posts.clone();
+        posts[turn].pose = Pose2::new(place.x, place.y, posts[turn].pose.heading_rad);
+        let block = self.calibrator.with_elsewhere(rest, robot, posts[turn].pose)?;
+        let poses: DMatrix<f64> = joint(&round.robots, |a, b| block.covariance(a, b).unwrap_or_default());
+        mean_square_m2(&posts, &poses, &round.places, &self.config.targets)
+    }
+
+    /// Where the ground is known: in the given area, else among the robots and where targets have been.
+    fn is_known_ground(&self, round: &Round, place: Vector2<f64>) -> bool {
+        let bounds = self.config.guidance.area_m.unwrap_or_else(|| {
+            let points = || round.posts.iter().map(|p| p.pose.position()).chain(round.places.iter().copied());
+            [0, 1].map(|k| {
+                let range = points().map(|p| p[k]);
+                [range.clone().fold(f64::MAX, f64::min), range.fold(f64::MIN, f64::max)]
+            })
+        });
+        (0..2).all(|k| (bounds[k][0]..=bounds[k][1]).contains(&place[k]))
+    }
+
+    /// The robot that gains most is told.
+    fn conclude(&mut self, now: Timestamp, round: &Round, outputs: &mut Vec<Output>) {
+        self.guide.last_told = Some(now);
+        let Some(&(value, turn, place)) = round.found.iter().min_by(|a, b| a.0.total_cmp(&b.0)) else { return };
+        let stood = round.posts[turn].pose;
+        let mut best = (value, round.robots[turn], stood, Pose2::new(place.x, place.y, stood.heading_rad));
+        // Who has been told goes on being told the same while that is nearly the best.
+        let told = self.guide.goal.take().filter(|(robot, stood, _)| same(stood, round, *robot));
+        if let Some((robot, stood, goal)) = told
+            && let Some(turn) = round.robots.iter().position(|r| *r == robot)
+            && let Some(value) = self.expected(round, turn, &self.calibrator.without(robot), goal.position())
+            && BETTER * value < best.0
+        {
+            best = (value, robot, stood, goal);
+        }
+        let (value, robot, stood, goal) = best;
+        let (here_m, there_m) = (round.here_m2.sqrt(), value.sqrt());
+        if there_m <= self.config.guidance.worth * here_m {
+            self.guide.goal = Some((robot, stood, goal));
+            outputs.push(Output::Guidance(Guidance {
+                robot: self.members[robot].id,
+                at: now,
+                team_from_goal: goal,
+                error_here_m: here_m,
+                error_there_m: there_m,
+            }));
+        }
+    }
+}
+
+/// Whether the robot still stands where it stood.
+fn same(stood: &Pose2, round: &Round, robot: usize) -> bool {
+    let post = round.robots.iter().position(|r| *r == robot).map(|k| round.posts[k].pose);
+    post.is_some_and(|p| (p.position() - stood.position()).norm() < SAME_M)
+}
+
+fn grid(around: Vector2<f64>, side: i32, step_m: f64) -> Vec<Vector2<f64>> {
+    let half = side / 2;
+    let line = || (-half..=half).map(f64::from);
+    line().flat_map(|i| line().map(move |j| around + step_m * Vector2::new(i, j))).collect()
+}

@@ -1,0 +1,195 @@
+//! What the running leader's map would say of its targets if a robot stood elsewhere.
+//!
+//! The error of a target in the map has two parts (`cov = own + J Σ Jᵀ`). Its own: what the filter of [`crate::stereo::target`]
+//! comes to rest at under a stream of bearings. Along each axis of the bearings' information that is a filter of position and
+//! velocity by itself, so its end is found in a few steps of two by two. The robots': their joint covariance after the move,
+//! through the weights that the rays have. So what is expected is what the same leader will state, and achieve where its
+//! covariances are honest.
+
+use nalgebra::{DMatrix, Matrix2, Matrix2x3, Matrix3, RowVector2, RowVector3, Vector2};
+use protocol::frames::Pose2;
+
+use crate::calibration::kernel;
+use crate::leader::config::TargetConfig;
+use crate::stereo::target::VELOCITY_MEMORY_S;
+
+/// Nobody's bearing counts from further away, metres.
+const REACH_M: f64 = 10.0;
+/// Nearer than this a robot does not see a target as a whole, metres.
+const LEAST_RANGE_M: f64 = 0.4;
+/// A frame's error is like that of the one before: it counts for less by up to this (as in `correspondence`).
+const MOST_REPEAT: f64 = 2.5;
+/// Mean widening of a bearing's variance by its tails' weights, errors being Gaussian.
+const STRETCH: f64 = 1.15;
+/// Steps of the filter until it rests.
+const STEPS: usize = 60;
+
+/// A robot that sees targets.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Post {
+    /// Where it stands.
+    pub pose: Pose2,
+    /// Radius of its body, metres.
+    pub radius_m: f64,
+    /// Standard deviation that it states of a bearing, rad.
+    pub sigma_rad: f64,
+    /// Frames a second.
+    pub rate_hz: f64,
+}
+
+/// Mean square error (trace of the position's covariance, m²) over places where targets are. `poses`: the posts' joint
+/// covariance (x, y, heading each). `None` where some place is not determined by two rays.
+pub fn mean_square_m2(
+    posts: &[Post],
+    poses: &DMatrix<f64>,
+    places: &[Vector2<f64>],
+    config: &TargetConfig,
+) -> Option<f64> {
+    let mut sum = 0.0;
+    for place in places {
+        sum += at_place(posts, poses, *place, config)?;
+    }
+    (!places.is_empty()).then(|| sum / places.len() as f64)
+}
+
+fn at_place(posts: &[Post], poses: &DMatrix<f64>, place: Vector2<f64>, config: &TargetConfig) -> Option<f64> {
+    let seeing: Vec<(usize, RowVector2<f64>, [f64; 3], f64)> = posts
+        .iter()
+        .enumerate()
+        .filter(|(k, _)| sees(posts, *k, place))
+        .map(|(k, post)| {
+            let from = [post.pose.x_m, post.pose.y_m, post.pose.heading_rad];
+            let (_, to_pose, to_point) = kernel::bearing(from, [place.x, place.y]);
+            let range_m = (place - post.pose.position()).norm();
+            let repeat = (2.0 * config.correlation_s * post.rate_hz).clamp(1.0, MOST_REPEAT);
+            let var = (post.sigma_rad.powi(2) + (config.axis_sway_m / range_m).powi(2)) * repeat * STRETCH;
+            // As a density: information a second.
+            (k, RowVector2::from(to_point), to_pose, post.rate_hz / var)
+        })
+        .collect();
+    let rate_hz = seeing.iter().map(|(k, ..)| posts[*k].rate_hz).fold(0.0, f64::max);
+    let density: Matrix2<f64> = seeing.iter().map(|(_, h, _, w)| h.transpose() * h * *w).sum();
+    let inverse = density.try_inverse()?;
+    let axes = density.symmetric_eigen();
+    let mut own = 0.0;
+    for value in axes.eigenvalues.iter() {
+        own += resting_var(value / rate_hz, 1.0 / rate_hz, config.acceleration_m2ps3)?;
+    }
+    // Errors that last go through the weights of the rays.
+    let mut by_poses = DMatrix::zeros(2, 3 * posts.len());
+    for (k, h, to_pose, w) in &seeing {
+        let block: Matrix2x3<f64> = -(inverse * h.transpose()) * RowVector3::from(*to_pose) * *w;
+        by_poses.fixed_view_mut::<2, 3>(0, 3 * k).copy_from(&block);
+    }
+    let shared = (&by_poses * poses * by_poses.transpose()).trace();
+    let sum = own + shared;
+    (sum.is_finite() && sum > 0.0).then_some(sum)
+}
+
+/// Variance of a position at rest, seen `interval_s` apart with this information each time, just after a sight.
+fn resting_var(information: f64, interval_s: f64, acceleration_m2ps3: f64) -> Option<f64> {
+    if information.is_nan() || information <= 1e-6 {
+        return None;
+    }
+    let keep = (-interval_s / VELOCITY_MEMORY_S).exp();
+    let reach = VELOCITY_MEMORY_S * (1.0 - keep);
+    let q = acceleration_m2ps3;
+    let (dt, r) = (interval_s, 1.0 / information);
+    // Position, both, velocity.
+    let (mut p, mut c, mut v) = (r, 0.0, q * 0.5 * VELOCITY_MEMORY_S);
+    for _ in 0..STEPS {
+        let (pp, cc, vv) = (p + 2.0 * reach * c + reach * reach * v, keep * (c + reach * v), keep * keep * v);
+        (p, c, v) = (pp + q * dt.powi(3) / 3.0, cc + q * dt * dt / 2.0, vv + q * dt);
+        let gain = 1.0 / (p + r);
+        (p, c, v) = (p - p * p * gain, c - p * c * gain, v - c * c * gain);
+    }
+    Some(p)
+}
+
+/// Whether a post sees a place: near enough, past the other robots.
+fn sees(posts: &[Post], k: usize, place: Vector2<f64>) -> bool {
+    let eye = posts[k].pose.position();
+    let range_m = (place - eye).norm();
+    (LEAST_RANGE_M..REACH_M).contains(&range_m)
+        && posts.iter().enumerate().all(|(o, other)| {
+            let to = other.pose.position();
+            o == k
+                || !super::hides(eye.into(), place.into(), super::HALF_WIDTH_M, to.into(), other.radius_m)
+                || (to - eye).norm() > range_m
+        })
+}
+
+/// Covariance of posts in one vector order from a function of pairs.
+pub fn joint(robots: &[usize], covariance: impl Fn(usize, usize) -> Matrix3<f64>) -> DMatrix<f64> {
+    let mut full = DMatrix::zeros(3 * robots.len(), 3 * robots.len());
+    for (i, &a) in robots.iter().enumerate() {
+        for (j, &b) in robots.iter().enumerate() {
+            full.fixed_view_mut::<3, 3>(3 * i, 3 * j).copy_from(&covariance(a, b));
+        }
+    }
+    full
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::stereo::target::{BearingFrom, Target};
+    use protocol::time::Timestamp;
+
+    fn post(x: f64, y: f64) -> Post {
+        Post { pose: Pose2::new(x, y, 0.3), radius_m: 0.2, sigma_rad: 0.004, rate_hz: 10.0 }
+    }
+
+    /// What the target's filter itself comes to, fed frame by frame.
+    fn filtered(posts: &[Post], place: Vector2<f64>, config: &TargetConfig) -> f64 {
+        let start = Timestamp::from_secs_f64(1000.0);
+        let mut target = Target::new(place, start, config.acceleration_m2ps3, (1.7, 0.1));
+        for frame in 0..200 {
+            let at = start.offset_by_secs(0.1 * f64::from(frame));
+            target.predict(at);
+            for (robot, post) in posts.iter().enumerate() {
+                let range_m = (place - post.pose.position()).norm();
+                let var = (post.sigma_rad.powi(2) + (config.axis_sway_m / range_m).powi(2)) * 2.5 * STRETCH;
+                let bearing_rad = post.pose.bearing_to(place);
+                target.update(&BearingFrom { robot, pose: post.pose, bearing_rad, var, at });
+            }
+        }
+        target.own_covariance().trace()
+    }
+
+    #[test]
+    fn what_is_expected_is_what_the_filter_comes_to() {
+        let config = TargetConfig::default();
+        for posts in [vec![post(0.0, 0.0), post(4.0, 0.0)], vec![post(0.0, 0.0), post(4.0, 0.5), post(1.0, 5.0)]] {
+            for place in [Vector2::new(2.0, 2.0), Vector2::new(1.0, 3.0)] {
+                let poses = DMatrix::zeros(3 * posts.len(), 3 * posts.len());
+                let expected = mean_square_m2(&posts, &poses, &[place], &config).unwrap();
+                let truth = filtered(&posts, place, &config);
+                assert!((expected / truth - 1.0).abs() < 0.02, "{expected} {truth}");
+            }
+        }
+    }
+
+    #[test]
+    fn errors_of_the_robots_add_theirs() {
+        let config = TargetConfig::default();
+        let posts = [post(0.0, 0.0), post(4.0, 0.0)];
+        let place = [Vector2::new(2.0, 2.0)];
+        let none = mean_square_m2(&posts, &DMatrix::zeros(6, 6), &place, &config).unwrap();
+        // Both a centimetre to the side along x: so is the target.
+        let mut shift = DMatrix::zeros(6, 6);
+        for (a, b) in [(0, 0), (0, 3), (3, 0), (3, 3)] {
+            shift[(a, b)] = 1e-4;
+        }
+        let with = mean_square_m2(&posts, &shift, &place, &config).unwrap();
+        assert!((with - none - 1e-4).abs() < 1e-9, "{}", with - none);
+    }
+
+    #[test]
+    fn one_robot_alone_or_two_in_line_with_a_target_determine_nothing() {
+        let config = TargetConfig::default();
+        let place = [Vector2::new(2.0, 0.0)];
+        assert_eq!(mean_square_m2(&[post(0.0, 0.0)], &DMatrix::zeros(3, 3), &place, &config), None);
+        assert_eq!(mean_square_m2(&[post(0.0, 0.0), post(4.0, 0.0)], &DMatrix::zeros(6, 6), &place, &config), None);
+    }
+}
