@@ -4,6 +4,7 @@ pub mod bandwidth;
 pub mod bench;
 pub mod demo;
 pub mod efficiency;
+pub mod motion;
 pub mod record;
 mod recorded_text;
 pub mod replay;

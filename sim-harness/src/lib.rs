@@ -4,6 +4,7 @@ pub mod bandwidth;
 pub mod bench;
 pub mod cli;
 pub mod efficiency;
+pub mod motion;
 pub mod network;
 pub mod recorded;
 pub mod render;

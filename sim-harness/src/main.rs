@@ -3,7 +3,7 @@
 use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
-use sim_harness::cli::{bandwidth, bench, demo, efficiency, record, replay, run, score, zoo};
+use sim_harness::cli::{bandwidth, bench, demo, efficiency, motion, record, replay, run, score, zoo};
 
 #[derive(Debug, Parser)]
 #[command(
@@ -34,6 +34,8 @@ enum Command {
     Score(score::ScoreArgs),
     /// How long the agent's whole frame takes, stage by stage
     Bench(bench::BenchArgs),
+    /// One robot's eye on rendered scenes with truth: meetings, the seam, light, turns, ranges
+    Motion(motion::MotionArgs),
     /// The same room through every camera, with its panorama
     Zoo(zoo::ZooArgs),
 }
@@ -56,6 +58,7 @@ fn main() -> ExitCode {
         Some(Command::Efficiency(args)) => efficiency::run(&args),
         Some(Command::Score(args)) => score::run(&args),
         Some(Command::Bench(args)) => bench::run(&args),
+        Some(Command::Motion(args)) => motion::run(&args),
         Some(Command::Zoo(args)) => zoo::run(&args),
     })
 }

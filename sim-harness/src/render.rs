@@ -150,7 +150,9 @@ impl Renderer {
         let state = self.world.at(time_s);
         self.look_from(&state);
         let movers = self.movers(&state);
+        // All light in units of that from everywhere.
         let strength = self.scene.lights().strength(time_s);
+        let gain = self.gain * self.scene.lights().ambient_strength(time_s);
         for pixel in self.rays.lit.iter().map(|p| *p as usize) {
             self.canvas.light[pixel] = self.still.glow[pixel].total(&strength);
         }
@@ -161,7 +163,7 @@ impl Renderer {
         Picture {
             width: self.rays.width as u32,
             height: self.rays.height as u32,
-            gray: self.sensor.develop(&self.canvas.light, self.rays.width, self.gain, time_s),
+            gray: self.sensor.develop(&self.canvas.light, self.rays.width, gain, time_s),
             visible_fraction,
         }
     }

@@ -15,7 +15,7 @@ use protocol::marker::{Look, Marker, Ring};
 use serde::{Deserialize, Serialize};
 
 pub use camera::{CameraSpec, TiltSpec};
-pub use room::{FurnitureKind, FurnitureSpec, LampSpec, RoomSpec};
+pub use room::{FurnitureKind, FurnitureSpec, LampSpec, RoomSpec, share_at};
 
 /// Why a scenario cannot be used.
 #[derive(Debug, thiserror::Error)]
@@ -132,11 +132,22 @@ pub struct PeopleSpec {
     pub camouflaged: usize,
     /// Fixed places [x m, y m] where the first people stand all the time.
     pub standing: Vec<[f64; 2]>,
+    /// Where each person is when, as [time s, x m, y m] in order of time: straight from one to the next, standing before the
+    /// first and after the last. For nobody, or for everybody; then nothing else moves them.
+    pub ways: Vec<Vec<[f64; 3]>>,
 }
 
 impl Default for PeopleSpec {
     fn default() -> Self {
-        Self { count: 4, height_m: [1.55, 1.9], speed_mps: 1.0, stop_s: 10.0, camouflaged: 1, standing: Vec::new() }
+        Self {
+            count: 4,
+            height_m: [1.55, 1.9],
+            speed_mps: 1.0,
+            stop_s: 10.0,
+            camouflaged: 1,
+            standing: Vec::new(),
+            ways: Vec::new(),
+        }
     }
 }
 
@@ -264,6 +275,21 @@ mod tests {
         ] {
             let error = Scenario::parse(&format!("{head}{wrong}"), "x.toml").unwrap_err().to_string();
             assert!(error.contains("camera.tilts") && error.contains(said), "{error}");
+        }
+    }
+
+    #[test]
+    fn ways_and_light_that_cannot_be_are_named() {
+        let head = "name = \"x\"\nduration_s = 1.0\n";
+        for (text, key, right) in [
+            ("[people]\ncount = 2\ncamouflaged = 0\nways = [[[0, 1, 1]]]\n", "people.ways", "one for each"),
+            ("[people]\ncount = 1\ncamouflaged = 0\nways = [[[2, 1, 1], [1, 0, 0]]]\n", "people.ways[0][1]", "later"),
+            ("[people]\ncount = 1\ncamouflaged = 0\nways = [[[2, 9, 1]]]\n", "people.ways[0][0]", "metres"),
+            ("[room]\nambient_light = [[1, 1], [0, 1]]\n", "room.ambient_light[1]", "later"),
+            ("[room]\nlamps = [{ position_m = [0, 0], light = [[0, -1]] }]\n", "room.lamps[0].light[0]", "0 to 10"),
+        ] {
+            let error = Scenario::parse(&format!("{head}{text}"), "x.toml").unwrap_err().to_string();
+            assert!(error.contains(key) && error.contains(right), "{error}");
         }
     }
 

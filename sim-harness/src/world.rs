@@ -68,6 +68,7 @@ pub struct World {
     seed: u64,
     size_m: [f64; 3],
     ambient: f64,
+    ambient_light: Vec<[f64; 2]>,
     camera: CameraSpec,
     lamps: Vec<LampSpec>,
     furniture: Vec<FurnitureSpec>,
@@ -130,8 +131,10 @@ impl World {
             let walks = walk::walk(people, &heights_m, &robots, &grid, scenario.duration_s, &mut rng);
             let Some(walks) = walks else { continue };
             // An exam of this length promises that everybody stops and that somebody crosses every seam.
-            let is_exam =
-                people.standing.is_empty() && people.count > 0 && scenario.duration_s >= 3.0 * people.stop_s + 20.0;
+            let is_exam = people.standing.is_empty()
+                && people.ways.is_empty()
+                && people.count > 0
+                && scenario.duration_s >= 3.0 * people.stop_s + 20.0;
             let keeps_promises = || {
                 (0..people.count).all(|n| walks.stops_for(n, people.stop_s - 1.0, scenario.duration_s))
                     && all_seams_crossed(&robots, &walks, people.count, scenario.duration_s)
@@ -148,6 +151,7 @@ impl World {
                 seed,
                 size_m,
                 ambient: scenario.room.ambient,
+                ambient_light: scenario.room.ambient_light.clone(),
                 camera: scenario.camera.clone(),
                 lamps: scenario.room.lamps.clone(),
                 furniture: scenario.room.furniture.clone(),
@@ -227,6 +231,11 @@ impl World {
     /// Ambient light as a share of the lamps'.
     pub fn ambient(&self) -> f64 {
         self.ambient
+    }
+
+    /// The same over time, as [time s, share].
+    pub fn ambient_light(&self) -> &[[f64; 2]] {
+        &self.ambient_light
     }
 
     /// The robots' camera.

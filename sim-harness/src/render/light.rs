@@ -1,7 +1,7 @@
 //! Lamps, and what stands in their light. Lamps are discs under the ceiling; solids that move throw soft shadows by one
 //! test a solid: how near the way to the lamp passes, against the solid's radius and the half shadow the disc makes there.
 
-use crate::scenario::LampSpec;
+use crate::scenario::{LampSpec, share_at};
 use crate::world::MAX_LAMPS;
 use crate::world::solid::{Block, Capsule, Upright};
 use crate::world::vector::{Ray, V3, v3};
@@ -25,11 +25,13 @@ pub type PerLamp = [f32; MAX_LAMPS];
 pub struct Lights {
     lamps: Vec<(V3, f32, f64)>,
     ambient: f32,
+    /// Light over time: of each lamp, then that from everywhere.
+    over_time: Vec<Vec<[f64; 2]>>,
 }
 
 impl Lights {
     /// Scaled so that together they give 1 in the middle of the floor.
-    pub fn new(lamps: &[LampSpec], ambient: f64, ceiling_m: f64) -> Self {
+    pub fn new(lamps: &[LampSpec], ambient: f64, ambient_light: &[[f64; 2]], ceiling_m: f64) -> Self {
         let z = (ceiling_m - LAMP_DROP_M) as f32;
         let mut lights = Self {
             lamps: lamps
@@ -37,6 +39,7 @@ impl Lights {
                 .map(|l| (v3(l.position_m[0] as f32, l.position_m[1] as f32, z), l.power as f32, l.flicker))
                 .collect(),
             ambient: ambient as f32,
+            over_time: lamps.iter().map(|l| l.light.clone()).chain([ambient_light.to_vec()]).collect(),
         };
         let sum: f32 = (0..lamps.len()).map(|k| lights.direct(k, v3(0.0, 0.0, 0.0), v3(0.0, 0.0, 1.0))).sum();
         if sum > 0.0 {
@@ -56,13 +59,20 @@ impl Lights {
         self.lamps[lamp].0
     }
 
-    /// Strength of each lamp at a true time, 1 ± its flicker.
+    /// Strength of each lamp at a true time, its flicker included, in units of the light from everywhere.
     pub fn strength(&self, time_s: f64) -> PerLamp {
+        let ambient = self.ambient_strength(time_s);
         let mut out = [0.0; MAX_LAMPS];
-        for (out, (_, _, flicker)) in out.iter_mut().zip(&self.lamps) {
-            *out = (1.0 + flicker * (std::f64::consts::TAU * FLICKER_HZ * time_s).sin()) as f32;
+        for ((out, (_, _, flicker)), light) in out.iter_mut().zip(&self.lamps).zip(&self.over_time) {
+            let flicker = 1.0 + flicker * (std::f64::consts::TAU * FLICKER_HZ * time_s).sin();
+            *out = (share_at(light, time_s) * flicker) as f32 / ambient;
         }
         out
+    }
+
+    /// Strength of the light from everywhere at a true time, 1 as a rule.
+    pub fn ambient_strength(&self, time_s: f64) -> f32 {
+        self.over_time.last().map_or(1.0, |light| share_at(light, time_s) as f32)
     }
 
     /// Light of one lamp on a surface element, nothing in the way.

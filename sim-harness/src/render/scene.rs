@@ -56,7 +56,7 @@ impl Scene {
             height: z,
             blocks: world.blocks().iter().map(|b| b.block).collect(),
             patches: Vec::new(),
-            lights: Lights::new(world.lamps(), world.ambient(), f64::from(z)),
+            lights: Lights::new(world.lamps(), world.ambient(), world.ambient_light(), f64::from(z)),
         };
         let seed = world.seed() as u32 ^ (world.seed() >> 32) as u32;
         for face in 0..FACES {

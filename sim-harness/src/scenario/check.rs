@@ -29,12 +29,14 @@ pub(super) fn check(s: &Scenario) -> Result<(), Fault> {
     within("room.size_m[1]", y, 2.0, 30.0, "metres")?;
     within("room.size_m[2]", z, 2.0, 6.0, "metres")?;
     within("room.ambient", s.room.ambient, 0.0, 10.0, "")?;
+    light("room.ambient_light", &s.room.ambient_light, 0.01)?;
     count("room.lamps (their number)", s.room.lamps.len(), 1, crate::world::MAX_LAMPS)?;
     for (n, lamp) in s.room.lamps.iter().enumerate() {
         within(&format!("room.lamps[{n}].position_m[0]"), lamp.position_m[0], -x / 2.0, x / 2.0, "metres")?;
         within(&format!("room.lamps[{n}].position_m[1]"), lamp.position_m[1], -y / 2.0, y / 2.0, "metres")?;
         within(&format!("room.lamps[{n}].power"), lamp.power, 0.0, 100.0, "")?;
         within(&format!("room.lamps[{n}].flicker"), lamp.flicker, 0.0, 0.5, "")?;
+        light(&format!("room.lamps[{n}].light"), &lamp.light, 0.0)?;
     }
     count("room.furniture (its number)", s.room.furniture.len(), 0, 64)?;
     for (n, piece) in s.room.furniture.iter().enumerate() {
@@ -54,10 +56,48 @@ pub(super) fn check(s: &Scenario) -> Result<(), Fault> {
     within("people.stop_s", s.people.stop_s, 0.0, 3600.0, "seconds")?;
     count("people.camouflaged", s.people.camouflaged, 0, s.people.count)?;
     count("people.standing (their number)", s.people.standing.len(), 0, s.people.count)?;
+    ways(s)?;
     within("capture.rate_hz", s.capture.rate_hz, 0.1, 100.0, "Hz")?;
     within("capture.jitter_ms", s.capture.jitter_ms, 0.0, 400.0 / s.capture.rate_hz, "milliseconds")?;
     within("capture.clock_offset_ms", s.capture.clock_offset_ms, 0.0, 900.0, "milliseconds")?;
     camera(s)
+}
+
+/// Later than the point before.
+fn later(key: &str, time_s: f64, before_s: Option<f64>) -> Result<(), Fault> {
+    within(key, time_s, -60.0, 3600.0, "seconds")?;
+    if before_s.is_none_or(|before| time_s > before) {
+        return Ok(());
+    }
+    Err(Fault { key: key.into(), value: time_s.to_string(), right: "a time later than the one before".into() })
+}
+
+fn light(key: &str, points: &[[f64; 2]], least: f64) -> Result<(), Fault> {
+    for (n, [time_s, share]) in points.iter().enumerate() {
+        let key = format!("{key}[{n}]");
+        later(&key, *time_s, n.checked_sub(1).map(|n| points[n][0]))?;
+        within(&key, *share, least, 10.0, "")?;
+    }
+    Ok(())
+}
+
+fn ways(s: &Scenario) -> Result<(), Fault> {
+    let (ways, people) = (&s.people.ways, s.people.count);
+    if !ways.is_empty() && (ways.len() != people || !s.people.standing.is_empty()) {
+        let right = format!("one for each of the {people} people, and none of them in people.standing");
+        return Err(Fault { key: "people.ways (their number)".into(), value: ways.len().to_string(), right });
+    }
+    for (n, way) in ways.iter().enumerate() {
+        count(&format!("people.ways[{n}] (its points)"), way.len(), 1, 10_000)?;
+        for (i, [time_s, x, y]) in way.iter().enumerate() {
+            let key = format!("people.ways[{n}][{i}]");
+            later(&key, *time_s, i.checked_sub(1).map(|i| way[i][0]))?;
+            for (place, size) in [(x, s.room.size_m[0]), (y, s.room.size_m[1])] {
+                within(&key, *place, -size / 2.0, size / 2.0, "metres")?;
+            }
+        }
+    }
+    Ok(())
 }
 
 fn robots(s: &Scenario) -> Result<(), Fault> {

@@ -12,17 +12,20 @@ pub struct RoomSpec {
     pub lamps: Vec<LampSpec>,
     /// Light from everywhere, as a share of what the lamps give in the middle of the floor.
     pub ambient: f64,
+    /// That light over time, as [time s, share], straight from one to the next; 1 without. 0.01 … 10.
+    pub ambient_light: Vec<[f64; 2]>,
     /// What stands in it.
     pub furniture: Vec<FurnitureSpec>,
 }
 
 impl Default for RoomSpec {
     fn default() -> Self {
-        let lamp = |x, y| LampSpec { position_m: [x, y], power: 1.0, flicker: 0.0 };
+        let lamp = |x, y| LampSpec { position_m: [x, y], power: 1.0, flicker: 0.0, light: Vec::new() };
         Self {
             size_m: [8.0, 6.0, 2.7],
             lamps: vec![lamp(-2.2, -1.4), lamp(2.2, -1.4), lamp(-2.2, 1.4), lamp(2.2, 1.4)],
             ambient: 0.45,
+            ambient_light: Vec::new(),
             furniture: Vec::new(),
         }
     }
@@ -40,6 +43,19 @@ pub struct LampSpec {
     /// Amplitude of its mains flicker (100 Hz), as a share of its light: 0 … 0.5.
     #[serde(default)]
     pub flicker: f64,
+    /// Its light over time, as [time s, share], straight from one to the next; 1 without. 0 … 10.
+    #[serde(default)]
+    pub light: Vec<[f64; 2]>,
+}
+
+/// A share over time at an instant: straight between its points, held beyond them, 1 where there are none.
+pub fn share_at(points: &[[f64; 2]], time_s: f64) -> f64 {
+    let after = points.partition_point(|[t, _]| *t <= time_s);
+    match (after.checked_sub(1).map(|i| points[i]), points.get(after)) {
+        (Some([t0, a]), Some([t1, b])) => a + (b - a) * (time_s - t0) / (t1 - t0),
+        (Some([_, share]), None) | (None, Some(&[_, share])) => share,
+        (None, None) => 1.0,
+    }
 }
 
 fn one() -> f64 {

@@ -2,6 +2,7 @@
 //! there, keeps out of the way of others, and walks smoothly. Worked out once in small steps, kept as samples.
 
 mod crowd;
+mod given;
 mod steer;
 
 use rand_chacha::ChaCha12Rng;
@@ -69,13 +70,18 @@ pub(super) fn walk(
     duration_s: f64,
     rng: &mut ChaCha12Rng,
 ) -> Option<Walks> {
+    if !spec.ways.is_empty() {
+        let steps = ((WARM_UP_S + duration_s + 1.0) / STEP_S) as usize;
+        let samples = spec.ways.iter().zip(heights_m).map(|(way, height)| given::walk(way, *height, steps)).collect();
+        return Some(Walks { samples });
+    }
     let mut crowd = Crowd::new(spec, heights_m, robots, grid, duration_s, rng)?;
     let steps = ((WARM_UP_S + duration_s + 1.0) / STEP_S) as usize;
     let mut samples = vec![Vec::with_capacity(steps); heights_m.len()];
     for step in 0..steps {
         crowd.step(step as f64 * STEP_S - WARM_UP_S, rng);
         for (track, (w, height)) in samples.iter_mut().zip(crowd.walkers.iter().zip(heights_m)) {
-            let swing = SWING_RAD * (w.velocity.norm() / (height / 1.75)).min(1.3);
+            let swing = swing_rad(w.velocity.norm(), *height);
             track.push(Gait {
                 x_m: w.position.x,
                 y_m: w.position.y,
@@ -86,4 +92,9 @@ pub(super) fn walk(
         }
     }
     Some(Walks { samples })
+}
+
+/// How far the legs of somebody of a height swing at a speed, radians.
+fn swing_rad(speed_mps: f64, height_m: f64) -> f64 {
+    SWING_RAD * (speed_mps / (height_m / 1.75)).min(1.3)
 }

@@ -6,9 +6,9 @@ use super::STEP_S;
 use super::crowd::{Crowd, Task};
 
 const ACCELERATION_MPS2: f64 = 1.6;
-const TURN_RATE_RADPS: f64 = 3.0;
+pub(super) const TURN_RATE_RADPS: f64 = 3.0;
 /// Two steps of somebody of 1.75 m.
-const STRIDE_M: f64 = 1.40;
+pub(super) const STRIDE_M: f64 = 1.40;
 /// Bodies keep at least this far apart.
 const APART_M: f64 = 0.55;
 
@@ -107,6 +107,7 @@ impl Crowd<'_> {
     }
 }
 
-fn wrap(angle: f64) -> f64 {
+/// To (−π, π].
+pub(super) fn wrap(angle: f64) -> f64 {
     angle - std::f64::consts::TAU * (angle / std::f64::consts::TAU).round()
 }
