@@ -134,6 +134,22 @@ name_type!(
     /// A leader, unique in its team.
     LeaderId
 );
+name_type!(
+    /// Whoever holds a certificate of a team: a robot, a leader, an operator, a router. Unique among its like.
+    MemberId
+);
+
+impl From<RobotId> for MemberId {
+    fn from(id: RobotId) -> Self {
+        Self(id.0)
+    }
+}
+
+impl From<LeaderId> for MemberId {
+    fn from(id: LeaderId) -> Self {
+        Self(id.0)
+    }
+}
 
 /// A moving object as one robot follows it; never used twice in one session (epoch) of the robot.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, Encode, Decode)]

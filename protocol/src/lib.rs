@@ -2,6 +2,8 @@
 
 pub mod angle;
 pub mod appearance;
+#[cfg(feature = "zenoh")]
+pub mod board;
 pub mod codec;
 pub mod document;
 pub mod estimate;
@@ -15,6 +17,7 @@ pub mod marker;
 pub mod message;
 pub mod meter;
 pub mod quantity;
+pub mod security;
 pub mod time;
 #[cfg(feature = "zenoh")]
 pub mod transport;

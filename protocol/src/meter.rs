@@ -66,6 +66,7 @@ struct Counters {
     traffic: BTreeMap<(Option<RobotId>, Kind, Direction), Count>,
     dropped: u64,
     refused: u64,
+    flooded: u64,
 }
 
 impl Meter {
@@ -87,6 +88,16 @@ impl Meter {
     /// Counts a message that could not be read.
     pub fn count_refused(&self) {
         self.lock().refused += 1;
+    }
+
+    /// Counts a message that its sender had too many of.
+    pub fn count_flooded(&self) {
+        self.lock().flooded += 1;
+    }
+
+    /// Messages over their senders' pace, since the start.
+    pub fn flooded(&self) -> u64 {
+        self.lock().flooded
     }
 
     /// Messages that a full queue dropped, since the start.
@@ -132,6 +143,26 @@ pub fn modelled_wire_bytes(kind: Kind, payload_bytes: usize) -> u64 {
     let cached = if is_cached(kind) { ZENOH_CACHED_BYTES } else { 0 };
     let bytes = payload_bytes as u64 + ZENOH_FRAME_BYTES + cached;
     bytes + bytes.div_ceil(SEGMENT_BYTES) * TCP_IP_BYTES
+}
+
+/// Bytes on the wire of what was sent, by row. Zenoh counts by session only: what it sent beside our payload (headers, presence,
+/// keep-alives) is shared out by the modelled overhead of each kind, and TCP/IP's headers are added. Without Zenoh's count all of it
+/// is modelled.
+pub fn share_of_wire(sent: impl IntoIterator<Item = Row>, zenoh_sent: Option<u64>) -> Vec<(Row, u64)> {
+    let rows: Vec<Row> = sent.into_iter().filter(|row| row.count.messages > 0).collect();
+    let overhead = |row: &Row| {
+        let mean = row.count.payload_bytes / row.count.messages;
+        (modelled_wire_bytes(row.kind, mean as usize) - mean) * row.count.messages
+    };
+    let zenoh = |row: &Row| overhead(row).saturating_sub(row.count.messages * TCP_IP_BYTES);
+    let modelled: u64 = rows.iter().map(zenoh).sum();
+    let payload: u64 = rows.iter().map(|row| row.count.payload_bytes).sum();
+    let share = zenoh_sent.map_or(1.0, |bytes| bytes.saturating_sub(payload) as f64 / modelled.max(1) as f64);
+    let wire = |row: &Row| {
+        let headers = zenoh(row) as f64 * share + (overhead(row) - zenoh(row)) as f64;
+        row.count.payload_bytes + headers as u64
+    };
+    rows.iter().map(|row| (*row, wire(row))).collect()
 }
 
 /// Whether the publisher keeps the last ones for late joiners.

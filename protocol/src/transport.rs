@@ -33,6 +33,7 @@ mod ring;
 mod subscriber;
 #[cfg(test)]
 mod tests;
+mod throttle;
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -47,10 +48,13 @@ pub use question::{
     Question, Questions,
 };
 pub use subscriber::{Received, Subscriber};
+pub use throttle::{Pace, pace};
 
 use zenoh::Wait;
 
+use crate::board::Board;
 use crate::meter::Meter;
+use crate::security::{Security, preflight};
 use error::words;
 
 /// Time that closing a session may take. Zenoh itself would allow 10 s on a bad link.
@@ -104,6 +108,11 @@ impl Transport {
                 Ok(Err(error)) => words(&error),
                 Err(panic) => panic.to_string(),
             };
+            // Zenoh hides why a handshake failed.
+            let reason = match waiting_was_said {
+                true => reason,
+                false => why_no_handshake(&options).await.unwrap_or(reason),
+            };
             if !waits_for_ever {
                 let (listen, connect) = (options.listen, options.connect);
                 return Err(TransportError::Open { listen, connect, reason });
@@ -115,7 +124,9 @@ impl Transport {
             }
             tokio::time::sleep(RETRY[0]).await;
         };
-        Ok(Self { session, options: Arc::new(options), meter: Arc::default() })
+        let transport = Self { session, options: Arc::new(options), meter: Arc::default() };
+        transport.board().connected(&transport);
+        Ok(transport)
     }
 
     /// Where this session is reached, with the real port where 0 was asked for.
@@ -126,6 +137,11 @@ impl Transport {
     /// Whether at least one link to a leader or router (a client) or to anybody (a router) is up.
     pub async fn is_connected(&self) -> bool {
         self.session.info().transports().await.next().is_some()
+    }
+
+    /// Where the service shows its figures.
+    pub fn board(&self) -> &Board {
+        &self.options.board
     }
 
     /// How it was opened.
@@ -168,4 +184,16 @@ impl Transport {
             Err(_) => Err(TransportError::Close { limit: CLOSE_LIMIT, reason: String::new() }),
         }
     }
+}
+
+/// What each endpoint objects to, where certificates are used.
+async fn why_no_handshake(options: &Options) -> Option<String> {
+    let Security::Tls(credentials) = options.security.clone() else { return None };
+    let endpoints = options.connect.clone();
+    let tried = tokio::task::spawn_blocking(move || {
+        let problem = |endpoint: &String| preflight::probe(endpoint, &credentials).err();
+        endpoints.iter().filter_map(problem).collect::<Vec<_>>()
+    });
+    let problems = tried.await.ok()?;
+    (!problems.is_empty()).then(|| problems.join("; "))
 }

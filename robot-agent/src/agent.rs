@@ -7,6 +7,7 @@
 //! `handle(Input::Frame)` does all steps at once and, since its `now` stands still, leaves nothing out.
 
 mod answers;
+mod budget;
 mod duties;
 mod event;
 mod pipeline;
@@ -20,6 +21,7 @@ pub use event::{Frame, Input, Output, PictureKind, Progress, Token};
 pub use settings::AgentSettings;
 
 use crate::optics::MountedCamera;
+use budget::Budget;
 use duties::Duties;
 use pipeline::Pipeline;
 use team::Team;
@@ -55,6 +57,7 @@ pub struct Agent {
     problems: Vec<String>,
     team: Team,
     duties: Duties,
+    budget: Budget,
     work: Option<Work>,
     last_capture: Option<Timestamp>,
     max_frame_rate_hz: f64,
@@ -86,6 +89,7 @@ impl Agent {
             problems,
             team: Team::new(settings.robot),
             duties: Duties::default(),
+            budget: Budget::new(settings.max_bytes_per_s),
             work: None,
             last_capture: None,
             max_frame_rate_hz: settings.max_frame_rate_hz,
@@ -110,11 +114,14 @@ impl Agent {
     /// Works on one event, a frame as a whole. Outputs are appended in the order in which they should leave.
     /// `now` is the robot's clock.
     pub fn handle(&mut self, now: Timestamp, input: Input, out: &mut Vec<Output>) {
+        let mut before = out.len();
         match input {
             Input::Frame(frame) => {
                 if self.begin_frame(now, frame, out) {
                     while self.step(now, out) == Progress::More {}
                 }
+                // The last step has charged what it gave.
+                before = out.len();
             }
             Input::BadFrame(what) => self.refuse_frame(format!("{what}; the frame is skipped"), out),
             Input::CaptureEnded => self.duties.capture_ended(),
@@ -128,6 +135,11 @@ impl Agent {
             Input::Deadline => {}
         }
         self.do_duties(now, out);
+        self.charge(now, &out[before..]);
+    }
+
+    fn charge(&mut self, now: Timestamp, outputs: &[Output]) {
+        outputs.iter().for_each(|output| self.budget.charge(now, output));
     }
 
     /// When [`Input::Deadline`] is wanted at the latest. Earlier or repeated calls do no harm.
@@ -168,9 +180,11 @@ impl Agent {
             return Progress::More;
         }
         let capture = work.capture;
+        let before = out.len();
         self.work = None;
         self.publish(now, capture, out);
         self.do_duties(now, out);
+        self.charge(now, &out[before..]);
         Progress::Done
     }
 
@@ -186,7 +200,7 @@ impl Agent {
         if self.paused {
             return;
         }
-        out.push(Output::Observation(Observation {
+        let observation = Observation {
             epoch: self.epoch,
             sequence: self.observations,
             capture,
@@ -195,8 +209,12 @@ impl Agent {
             stages: seen.stages,
             sightings: seen.sightings,
             tracks: seen.tracks,
-        }));
-        self.observations = self.observations.wrapping_add(1);
+        };
+        // Only what is sent has a number: what the cap leaves out is no loss.
+        if let Some(observation) = self.budget.shape(now, observation, out) {
+            out.push(Output::Observation(observation));
+            self.observations = self.observations.wrapping_add(1);
+        }
     }
 
     fn is_in_time(&mut self, capture: Timestamp, out: &mut Vec<Output>) -> bool {

@@ -27,6 +27,9 @@ use tracing_subscriber::EnvFilter;
 #[derive(Debug, Parser)]
 #[command(version, about, max_term_width = 110, after_help = "Logs go to standard error; RUST_LOG=debug shows more.")]
 struct Cli {
+    /// How logs are written: for people, or a JSON object a line
+    #[arg(long, global = true, value_enum, default_value_t)]
+    log_format: Format,
     #[command(subcommand)]
     command: Command,
 }
@@ -92,7 +95,11 @@ pub fn main() -> ExitCode {
     let filter = EnvFilter::try_from_default_env().unwrap_or_else(|_| {
         EnvFilter::new("info,zenoh=warn,zenoh::net=error,zenoh_transport=error,zenoh_link_tcp=error")
     });
-    tracing_subscriber::fmt().with_env_filter(filter).with_writer(io::stderr).init();
+    let logs = tracing_subscriber::fmt().with_env_filter(filter).with_writer(io::stderr);
+    match cli.log_format {
+        Format::Text => logs.init(),
+        Format::Json => logs.json().init(),
+    }
     let result = match &cli.command {
         Command::Run(arguments) => run::execute(arguments),
         Command::Track(arguments) => track::execute(arguments),

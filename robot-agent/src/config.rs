@@ -3,17 +3,22 @@
 mod marker;
 mod raw;
 
+use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
 
-use protocol::document::{DEFAULT_ENDPOINT, Document, DocumentError, INSTANT_WANTED, endpoint_problem, parse_instant};
+use protocol::document::{Document, DocumentError, INSTANT_WANTED, endpoint_problem, parse_instant};
 use protocol::id::{RobotId, TeamId};
 use protocol::marker::Marker;
+use protocol::security::{Member, Security, roster::Role};
 use protocol::time::Timestamp;
 
 use raw::{RawCapture, RawConfig};
 
 /// A capture time below this (a day) counts from a recording's own zero, not from 1970.
 pub const RECORDING_ZERO_BELOW: Timestamp = Timestamp(86_400_000_000_000);
+
+/// Port of `/metrics` where the file gives none.
+const METRICS_PORT: u16 = 9465;
 
 /// Everything `robot-agent run` needs to know, checked.
 #[derive(Debug, Clone)]
@@ -38,6 +43,12 @@ pub struct Config {
     pub connect: Vec<String>,
     /// Whether `connect` is the default because the file says nothing.
     pub connect_is_default: bool,
+    /// Bytes a second on the wire that it keeps to, where there is a cap.
+    pub max_bytes_per_s: Option<f64>,
+    /// Its certificate, or how else it is known to the leader.
+    pub security: Security,
+    /// Address of `/metrics`, where it is wanted.
+    pub metrics: Option<SocketAddr>,
 }
 
 /// Where frames come from, and when.
@@ -99,10 +110,14 @@ impl Config {
         let r = &raw.robot;
         let connect = raw.network.connect.as_deref().map(|given| endpoints(document, given)).transpose()?;
         let work = &raw.work;
+        let robot = RobotId::new(&r.id).map_err(|e| document.invalid("robot.id", quoted(&r.id), e.to_string()))?;
+        let team = TeamId::new(&r.team).map_err(|e| document.invalid("robot.team", quoted(&r.team), e.to_string()))?;
+        let who = Member { team, role: Role::Robot, name: robot.as_str() };
+        let security = Security::checked(document, raw.security.as_ref(), who, None, connect.as_deref())?;
         Ok(Self {
             path: document.path().to_owned(),
-            robot: RobotId::new(&r.id).map_err(|e| document.invalid("robot.id", quoted(&r.id), e.to_string()))?,
-            team: TeamId::new(&r.team).map_err(|e| document.invalid("robot.team", quoted(&r.team), e.to_string()))?,
+            robot,
+            team,
             host: host(document, r.host.as_deref())?,
             camera: document.resolve(&r.camera),
             marker: marker::checked(document, r)?,
@@ -123,7 +138,14 @@ impl Config {
                 )?,
             },
             connect_is_default: connect.is_none(),
-            connect: connect.unwrap_or_else(|| vec![DEFAULT_ENDPOINT.to_owned()]),
+            connect: connect.unwrap_or_else(|| vec![security.default_endpoint()]),
+            security,
+            max_bytes_per_s: raw
+                .network
+                .max_bytes_per_s
+                .map(|cap| in_range(document, "network.max_bytes_per_s", cap, 200.0, 1e9, "bytes a second"))
+                .transpose()?,
+            metrics: raw.metrics.as_ref().map(|raw| raw.checked(document, METRICS_PORT)).transpose()?,
         })
     }
 }

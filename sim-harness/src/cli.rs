@@ -9,6 +9,7 @@ pub mod record;
 mod recorded_text;
 pub mod replay;
 pub mod run;
+pub mod scale;
 pub mod score;
 pub mod seeds;
 pub mod table;

@@ -9,6 +9,7 @@ pub mod network;
 pub mod recorded;
 pub mod render;
 pub mod replay;
+pub mod scale;
 pub mod scenario;
 pub mod score;
 pub mod team;

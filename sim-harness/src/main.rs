@@ -3,7 +3,7 @@
 use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
-use sim_harness::cli::{bandwidth, bench, demo, efficiency, motion, record, replay, run, score, zoo};
+use sim_harness::cli::{bandwidth, bench, demo, efficiency, motion, record, replay, run, scale, score, zoo};
 
 #[derive(Debug, Parser)]
 #[command(
@@ -32,6 +32,8 @@ enum Command {
     Efficiency(efficiency::EfficiencyArgs),
     /// Masks and tracks against truth: F, recall, precision; MOTA, IDF1, identity switches
     Score(score::ScoreArgs),
+    /// Many robots with synthetic observations through real sessions: what one leader carries
+    Scale(scale::ScaleArgs),
     /// How long the agent's whole frame takes, stage by stage
     Bench(bench::BenchArgs),
     /// One robot's eye on rendered scenes with truth: meetings, the seam, light, turns, ranges
@@ -57,6 +59,7 @@ fn main() -> ExitCode {
         Some(Command::Bandwidth(args)) => bandwidth::run(&args),
         Some(Command::Efficiency(args)) => efficiency::run(&args),
         Some(Command::Score(args)) => score::run(&args),
+        Some(Command::Scale(args)) => scale::run(&args),
         Some(Command::Bench(args)) => bench::run(&args),
         Some(Command::Motion(args)) => motion::run(&args),
         Some(Command::Zoo(args)) => zoo::run(&args),

@@ -1,7 +1,10 @@
 //! Subcommands of the `team-leader` program, one a file.
 
 pub mod check;
+pub mod doctor;
+pub mod outside;
 pub mod plan;
+pub mod provision;
 pub mod query;
 pub mod run;
 pub mod solve;

@@ -2,16 +2,21 @@
 
 mod raw;
 
+use std::net::SocketAddr;
 use std::path::Path;
 
 use protocol::document::{Document, DocumentError, INSTANT_WANTED, endpoint_problem, parse_instant};
 use protocol::frames::Pose2;
 use protocol::id::{LeaderId, RobotId, TeamId};
 use protocol::message::map::MAX_ROBOTS;
+use protocol::security::{Member, Security, roster::Role};
 use protocol::time::Timestamp;
 
 use crate::leader::{Anchor, LeaderCoreConfig};
 use raw::RawConfig;
+
+/// Port of `/metrics` where the file gives none.
+const METRICS_PORT: u16 = 9464;
 
 /// Everything `team-leader run` needs to know, checked.
 #[derive(Debug, Clone)]
@@ -28,6 +33,10 @@ pub struct Config {
     pub listen_is_default: bool,
     /// Endpoints of other leaders and routers.
     pub connect: Vec<String>,
+    /// Certificates and access control.
+    pub security: Security,
+    /// Address of `/metrics`, where it is wanted.
+    pub metrics: Option<SocketAddr>,
     /// Whether the map is also published as JSON while somebody listens.
     pub json: bool,
     /// When recordings are to be replayed, if they are.
@@ -81,13 +90,18 @@ impl Config {
             let wanted = "a leader listens on at least one endpoint, or no agent can join";
             return Err(document.invalid("network.listen", "[]", wanted));
         }
+        let connect = endpoints(document, "network.connect", Some(&raw.network.connect), false)?.unwrap_or_default();
+        let who = Member { team, role: Role::Leader, name: id.as_str() };
+        let security = Security::checked(document, raw.security.as_ref(), who, listen.as_deref(), Some(&connect))?;
         Ok(Self {
             team,
             id,
             core,
             listen_is_default: listen.is_none(),
-            listen: listen.unwrap_or_else(|| vec![protocol::document::DEFAULT_ENDPOINT.to_owned()]),
-            connect: endpoints(document, "network.connect", Some(&raw.network.connect), false)?.unwrap_or_default(),
+            listen: listen.unwrap_or_else(|| vec![security.default_endpoint()]),
+            connect,
+            security,
+            metrics: raw.metrics.as_ref().map(|raw| raw.checked(document, METRICS_PORT)).transpose()?,
             json: raw.map.json,
             replay: raw.replay.as_ref().map(|replay| self::replay(document, replay)).transpose()?,
         })
@@ -164,7 +178,7 @@ mod tests {
     #[test]
     fn everything_that_can_be_said_is_understood() {
         let config = read(
-            "[leader]\nid = 'l1'\nteam = 'demo'\nterm = 7\n[network]\nlisten = ['tcp/0.0.0.0:7447']\n\
+            "[leader]\nid = 'l1'\nteam = 'demo'\nterm = 7\n[security]\nmode = 'none'\n[network]\nlisten = ['tcp/0.0.0.0:7447']\n\
              connect = ['tcp/10.0.0.2:7447']\n[gauge]\nrobot = 'r1'\nx_m = 1.0\ny_m = -2.0\nheading_deg = 90.0\n\
              [map]\njson = false\n[replay]\nrobots = 3\ndelay_s = 0.5\n[clock]\ntrusted = true\n",
         )

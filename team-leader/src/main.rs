@@ -4,7 +4,9 @@ use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
 use team_leader::cli::check::{self, CheckArgs};
+use team_leader::cli::doctor::{self, DoctorArgs};
 use team_leader::cli::plan::{self, PlanArgs};
+use team_leader::cli::provision::{self, ProvisionArgs};
 use team_leader::cli::query::{self, QueryArgs};
 use team_leader::cli::run::{self, RunArgs};
 use team_leader::cli::solve::{self, SolveArgs};
@@ -14,8 +16,17 @@ use tracing_subscriber::EnvFilter;
 #[derive(Debug, Parser)]
 #[command(version, about, max_term_width = 110, after_help = "Logs go to standard error; RUST_LOG=debug shows more.")]
 struct Cli {
+    /// How logs are written: for people, or a JSON object a line
+    #[arg(long, global = true, value_enum, default_value_t = LogFormat::Text)]
+    log_format: LogFormat,
     #[command(subcommand)]
     command: Command,
+}
+
+#[derive(Debug, Clone, Copy, clap::ValueEnum)]
+enum LogFormat {
+    Text,
+    Json,
 }
 
 #[derive(Debug, Subcommand)]
@@ -30,6 +41,10 @@ enum Command {
     Check(CheckArgs),
     /// Asks a running team: the map, a robot's pictures, a robot's status.
     Query(QueryArgs),
+    /// Listens to a running team: who is there, what is wrong, what would fix it.
+    Doctor(DoctorArgs),
+    /// Certificates: the team's authority, a certificate a robot, leader and operator, renewal, revocation.
+    Provision(ProvisionArgs),
 }
 
 fn main() -> ExitCode {
@@ -37,12 +52,18 @@ fn main() -> ExitCode {
     let filter = EnvFilter::try_from_default_env().unwrap_or_else(|_| {
         EnvFilter::new("info,zenoh=warn,zenoh::net=error,zenoh_transport=error,zenoh_link_tcp=error")
     });
-    tracing_subscriber::fmt().with_env_filter(filter).with_writer(std::io::stderr).init();
+    let logs = tracing_subscriber::fmt().with_env_filter(filter).with_writer(std::io::stderr);
+    match cli.log_format {
+        LogFormat::Text => logs.init(),
+        LogFormat::Json => logs.json().init(),
+    }
     ExitCode::from(match &cli.command {
         Command::Run(args) => run::run(args),
         Command::Solve(args) => solve::run(args),
         Command::Plan(args) => plan::run(args),
         Command::Check(args) => check::run(args),
         Command::Query(args) => query::run(args),
+        Command::Doctor(args) => doctor::run(args),
+        Command::Provision(args) => provision::run(args),
     })
 }

@@ -117,9 +117,11 @@ impl Service {
         let mut shutdown = std::pin::pin!(shutdown);
         let mut nobody = std::pin::pin!(tokio::time::sleep(nobody_after));
         let mut nobody_waits = true;
+        let board = transport.board().clone();
         let mut listeners = tokio::time::interval(LISTENERS_PERIOD);
         listeners.set_missed_tick_behavior(tokio::time::MissedTickBehavior::Skip);
         loop {
+            board.beat();
             let patience = desk.patience();
             tokio::select! {
                 () = &mut shutdown => break,

@@ -5,5 +5,6 @@
 mod layout;
 mod mounting;
 mod optics;
+mod security;
 mod services;
 mod team;

@@ -28,6 +28,9 @@ pub enum TransportError {
         /// What Zenoh says.
         reason: String,
     },
+    /// The roster or the passwords cannot be read.
+    #[error(transparent)]
+    Document(#[from] crate::document::DocumentError),
     /// Zenoh works in a multi-threaded runtime only.
     #[error("the program must run in tokio's multi-threaded runtime")]
     Runtime,

@@ -6,9 +6,11 @@ use std::time::Duration;
 use serde_json::{Value, json};
 
 use super::error::{TransportError, words};
+use crate::board::Board;
 use crate::codec::Kind;
 use crate::document::endpoint_problem;
 use crate::host_clock::Clock;
+use crate::security::{Passwords, Security, rules};
 
 /// Silence after which the other side counts as gone. It is the silent side's own setting that counts.
 pub const LEASE: Duration = Duration::from_secs(1);
@@ -50,6 +52,10 @@ pub struct Options {
     pub measure: bool,
     /// Stamps what comes in.
     pub clock: Clock,
+    /// Certificates and access control. The files are read when the session opens.
+    pub security: Security,
+    /// Where the service shows its figures.
+    pub board: Board,
 }
 
 impl Options {
@@ -63,6 +69,8 @@ impl Options {
             zenoh_file: None,
             measure: false,
             clock: Clock::system(),
+            security: Security::default(),
+            board: Board::default(),
         }
     }
 
@@ -85,10 +93,44 @@ impl Options {
             Some(path) => zenoh::Config::from_file(path).map_err(|error| wrong(&error))?,
             None => zenoh::Config::default(),
         };
-        for (key, value) in self.settings() {
+        for (key, value) in self.settings().into_iter().chain(self.protection()?) {
             config.insert_json5(key, &value.to_string()).map_err(|error| wrong(&error))?;
         }
         Ok(config)
+    }
+
+    /// Certificates, passwords, access control and size limits.
+    fn protection(&self) -> Result<Vec<(&'static str, Value)>, TransportError> {
+        let is_router = self.role == Role::Router;
+        let mut settings = Vec::new();
+        match &self.security {
+            Security::Tls(credentials) => {
+                if let Some(endpoint) = self.listen.iter().chain(&self.connect).find(|e| !e.starts_with("tls/")) {
+                    let problem = "is not encrypted, but there are certificates".to_owned();
+                    return Err(TransportError::Endpoint { endpoint: endpoint.clone(), problem });
+                }
+                let [authority, certificate, key] =
+                    [credentials.authority(), credentials.certificate(), credentials.key()];
+                let mut tls = json!({
+                    "root_ca_certificate": authority, "enable_mtls": true, "verify_name_on_connect": true,
+                    "close_link_on_expiration": true, "connect_certificate": certificate, "connect_private_key": key,
+                });
+                if is_router {
+                    tls["listen_certificate"] = json!(certificate);
+                    tls["listen_private_key"] = json!(key);
+                }
+                settings.push(("transport/link/tls", tls));
+            }
+            Security::Password(passwords) => settings.push(("transport/auth/usrpwd", usrpwd(passwords)?)),
+            Security::Loopback | Security::Open => {}
+        }
+        if is_router {
+            settings.push(("low_pass_filter", rules::size_limits()));
+            if let Some(rules) = self.security.access_control()? {
+                settings.push(("access_control", rules));
+            }
+        }
+        Ok(settings)
     }
 
     fn settings(&self) -> Vec<(&'static str, Value)> {
@@ -123,6 +165,19 @@ impl Options {
             ("adminspace/enabled", json!(self.measure)),
         ]
     }
+}
+
+fn usrpwd(passwords: &Passwords) -> Result<Value, TransportError> {
+    let file = &passwords.password_file;
+    let password = std::fs::read_to_string(file).map_err(|error| TransportError::Configuration {
+        file: Some(file.display().to_string()),
+        reason: error.to_string(),
+    })?;
+    let mut settings = json!({ "user": passwords.user, "password": password.trim_end_matches(['\n', '\r']) });
+    if let Some(all) = &passwords.passwords_file {
+        settings["dictionary_file"] = json!(all);
+    }
+    Ok(settings)
 }
 
 fn check_endpoint(endpoint: &str, listens: bool) -> Result<(), TransportError> {

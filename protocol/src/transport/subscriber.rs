@@ -3,7 +3,7 @@
 use std::collections::BTreeSet;
 use std::marker::PhantomData;
 use std::sync::Arc;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use zenoh::sample::Sample;
 use zenoh_ext::{AdvancedSubscriber, AdvancedSubscriberBuilderExt, HistoryConfig, RecoveryConfig};
@@ -12,6 +12,7 @@ use super::Transport;
 use super::error::{TransportError, words};
 use super::qos::qos;
 use super::ring::{Ring, Writer};
+use super::throttle::{Admission, Throttle};
 use crate::codec::{self, Kind, Message};
 use crate::host_clock::Clock;
 use crate::key::{Key, Pattern};
@@ -52,7 +53,12 @@ impl Transport {
         let refused = |error: zenoh::Error| TransportError::Declare { key: pattern.to_string(), reason: words(&error) };
         let (meter, clock) = (self.meter.clone(), self.options.clock);
         // Runs on Zenoh's threads: stamps, bounds, queues, and returns.
-        let callback = move |sample: Sample| arrive(&sample, kind, clock, &meter, &writer);
+        let throttle = Throttle::new(kind);
+        let callback = move |sample: Sample| {
+            if throttle.as_ref().is_none_or(|throttle| admit(throttle, &sample, &meter)) {
+                arrive(&sample, kind, clock, &meter, &writer);
+            }
+        };
         let builder = self.session.declare_subscriber(pattern.to_string());
         let qos = qos(kind);
         if qos.kept == 0 {
@@ -72,6 +78,24 @@ struct Arrived {
     key: String,
     payload: zenoh::bytes::ZBytes,
     at: Timestamp,
+}
+
+/// Whether its sender has not sent too much of late.
+fn admit(throttle: &Throttle, sample: &Sample, meter: &Meter) -> bool {
+    let key = sample.key_expr().as_str();
+    match throttle.admit(key, Instant::now()) {
+        Admission::Admitted => true,
+        Admission::Refused { first } => {
+            meter.count_flooded();
+            if first {
+                tracing::warn!(
+                    key,
+                    "flood: more messages than any honest agent sends; what is over is refused and counted"
+                );
+            }
+            false
+        }
+    }
 }
 
 fn arrive(sample: &Sample, kind: Kind, clock: Clock, meter: &Meter, writer: &Writer<Arrived>) {

@@ -62,13 +62,20 @@ async fn a_subscriber_that_does_not_read_blocks_nobody_and_its_losses_are_counte
     let pattern = Pattern::EveryRobot(team(), RobotTopic::Observation);
     let idle = leader.subscribe::<Observation>(pattern).await.unwrap();
     let mut busy = leader.subscribe::<Observation>(pattern).await.unwrap();
-    let publisher = agent.publish::<Observation>(robot_key("r1", RobotTopic::Observation)).await.unwrap();
-    until(async || publisher.has_listeners().await).await;
+    // Of several robots: one alone would be over its pace.
+    let mut publishers = Vec::new();
+    for robot in ["r1", "r2", "r3", "r4"] {
+        publishers.push(agent.publish::<Observation>(robot_key(robot, RobotTopic::Observation)).await.unwrap());
+    }
+    for publisher in &publishers {
+        until(async || publisher.has_listeners().await).await;
+    }
 
     // One at a time: the busy reader must get every message while the idle one's ring runs over.
     let ring = qos(codec::Kind::Observation).ring as u32;
     let surplus = 40;
     for sequence in 0..ring + surplus {
+        let publisher = &publishers[sequence as usize % publishers.len()];
         publisher.put(&Observation { sequence, ..samples::observation() }).unwrap();
         assert_eq!(soon(busy.recv()).await.unwrap().message.sequence, sequence);
     }
@@ -212,6 +219,7 @@ async fn what_cannot_be_read_is_counted_and_the_next_message_comes_through() {
     newer[2] = codec::WIRE_VERSION + 1;
     let key = robot_key("r2", RobotTopic::Alarm).to_string();
     until(async || publisher.has_listeners().await).await;
+    // The oversized one does not even pass the router.
     for junk in [b"junk".to_vec(), newer, vec![0; 100_000]] {
         agent.session.put(&key, junk).await.unwrap();
     }
@@ -221,10 +229,12 @@ async fn what_cannot_be_read_is_counted_and_the_next_message_comes_through() {
     // The junk has another priority and may be overtaken.
     until(async || {
         publisher.put(&good).unwrap();
-        alarms.recv().await.unwrap().message == good && alarms.refused() == 4
+        // As often as an honest robot may.
+        let received = tokio::time::timeout(Duration::from_millis(50), alarms.recv()).await;
+        received.is_ok_and(|received| received.unwrap().message == good) && alarms.refused() == 3
     })
     .await;
-    assert_eq!(leader.meter().refused(), 4);
+    assert_eq!(leader.meter().refused(), 3);
     close([agent, leader]).await;
 }
 

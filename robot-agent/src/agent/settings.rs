@@ -25,6 +25,8 @@ pub struct AgentSettings {
     pub max_frame_rate_hz: f64,
     /// Time for one frame, seconds, by which [`Agent::step`](super::Agent::step) leaves out stages; `None`: all run.
     pub budget_s: Option<f64>,
+    /// Bytes a second on the wire that the agent keeps to, by leaving out observations, then tracks; `None`: no cap.
+    pub max_bytes_per_s: Option<f64>,
     /// Change, background, regions.
     pub motion: MotionSettings,
     /// Tracks.
@@ -42,6 +44,7 @@ impl AgentSettings {
             frame_rate_hz: 10.0,
             max_frame_rate_hz: 120.0,
             budget_s: None,
+            max_bytes_per_s: None,
             motion: MotionSettings::default(),
             tracking: TrackerSettings::default(),
         }

@@ -2,6 +2,9 @@
 
 use std::path::{Path, PathBuf};
 
+use protocol::security::Member;
+use protocol::security::preflight;
+use protocol::security::roster::Role;
 use robot_agent::agent::{Agent, AgentSettings};
 use robot_agent::capture::{self, CaptureOptions, FrameSource};
 use robot_agent::config::{AtEnd, Config, ReplayStart};
@@ -32,6 +35,11 @@ pub(super) struct Checked {
 /// Reads a configuration and opens what it names.
 pub(super) fn open(path: &Path, epoch: u64) -> Result<Checked, Failure> {
     let config = Config::read(path).map_err(Failure::usage)?;
+    let who = Member { team: config.team, role: Role::Robot, name: config.robot.as_str() };
+    let certificate = config.security.preflight(who, &[], preflight::now()).map_err(Failure::usage)?;
+    for remark in certificate.iter().flat_map(|report| &report.remarks) {
+        tracing::warn!("{remark}");
+    }
     let of_file = |error| Failure::Usage(format!("{}: `robot.camera`: {error}", path.display()));
     let camera = MountedCamera::load(&config.camera).map_err(of_file)?;
     let image_size_px = camera.image_size_px();
@@ -41,6 +49,7 @@ pub(super) fn open(path: &Path, epoch: u64) -> Result<Checked, Failure> {
     settings.frame_rate_hz = config.capture.frame_rate_hz;
     settings.max_frame_rate_hz = config.work.max_frame_rate_hz;
     settings.budget_s = config.work.budget_s;
+    settings.max_bytes_per_s = config.max_bytes_per_s;
     let of_camera = |error| Failure::Usage(format!("{}: {error}", config.camera.display()));
     let agent = Agent::new(settings, camera.clone(), epoch).map_err(of_camera)?;
     // The size is checked frame by frame by the agent, which counts what does not fit and goes on.
@@ -89,6 +98,7 @@ pub(super) fn execute(arguments: &Arguments) -> Result<(), Failure> {
         let report = json!({
             "ok": true, "robot": config.robot, "team": config.team, "host": config.host, "camera": camera.summary(),
             "source": config.capture.source, "frames": frames, "replay": replay, "connect": config.connect,
+            "security": config.security.in_words(),
         });
         println!("{report}");
         return Ok(());
@@ -102,6 +112,7 @@ pub(super) fn execute(arguments: &Arguments) -> Result<(), Failure> {
     println!("  replay    begins {replay}, {at_end}");
     let default = if config.connect_is_default { " (the default: a leader on this host)" } else { "" };
     println!("  connects  {}{default}", config.connect.join(", "));
+    println!("  security  {}", config.security.in_words());
     for remark in source.remarks() {
         println!("  remark    {remark}");
     }

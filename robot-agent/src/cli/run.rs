@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 use std::time::Duration;
 
+use protocol::board::{self, systemd};
 use protocol::host_clock::Clock;
 use protocol::transport::{CLOSE_LIMIT, Options};
 use robot_agent::capture::{self, CaptureOptions};
@@ -53,16 +54,28 @@ pub(super) fn execute(arguments: &Arguments) -> Result<(), Failure> {
     } else {
         Box::new(Replay::new(source, start.clone(), config.capture.recording_start))
     };
+    let mut session = Options { security: config.security, ..Options::client(&config.connect) };
+    session.measure = config.metrics.is_some();
+    let board = session.board.clone();
     let setup = Setup {
         source,
         agent,
         clock: Clock::system(),
         team: config.team,
-        session: Options::client(&config.connect),
+        session,
         start: asks_leader.then_some(start),
         stop_at_end: config.capture.at_end == AtEnd::Stop,
     };
-    let worked = runtime.block_on(service::run(setup, stop_signal()));
+    systemd::ready(&format!("robot {} of team {}", config.robot, config.team));
+    let worked = runtime.block_on(async {
+        let keepers = tokio::spawn(async move {
+            let Err(error) = board::keep(board, config.metrics).await;
+            tracing::error!("no figures: {error}");
+        });
+        let worked = service::run(setup, stop_signal()).await;
+        keepers.abort();
+        worked
+    });
     // A task that hangs must not keep the process.
     runtime.shutdown_timeout(CLOSE_LIMIT);
     let summary = worked.map_err(Failure::job)?;
@@ -93,6 +106,7 @@ async fn stop_signal() {
         _ = terminate.recv() => {}
     }
     tracing::info!("stopping");
+    systemd::stopping();
     std::thread::spawn(|| {
         std::thread::sleep(STOP_LIMIT);
         tracing::error!("not stopped within {STOP_LIMIT:?}: giving up");

@@ -3,7 +3,9 @@
 
 use std::path::PathBuf;
 
+use protocol::board::metrics::RawMetrics;
 use protocol::marker::Marker;
+use protocol::security::RawSecurity;
 use serde::Deserialize;
 
 /// The whole file. Unknown keys are errors.
@@ -20,6 +22,10 @@ pub struct RawConfig {
     /// Whom it talks to.
     #[serde(default)]
     pub network: RawNetwork,
+    /// Figures for Prometheus. Default: none are served.
+    pub metrics: Option<RawMetrics>,
+    /// Its certificate, or how else it is known to the leader. Default: nothing, for a leader without `[security]`.
+    pub security: Option<RawSecurity>,
 }
 
 #[derive(Debug, Deserialize)]
@@ -87,6 +93,10 @@ pub struct RawNetwork {
     /// Endpoints of all leaders or zenohd routers of the team, `tcp/HOST:PORT`; the agent holds one link and takes the next
     /// when it is lost. Default `["tcp/127.0.0.1:7447"]`: a leader on this host.
     pub connect: Option<Vec<String>>,
+    /// Bytes a second that the agent sends at most, as they stand on the wire (TCP/IP's headers too), 200 to 1e9. Where it needs more,
+    /// observations are left out down to 2 a second, then tracks, the least certain first; fellow robots and alarms always go. Default: no
+    /// cap. Pictures that somebody asks for are sent whole.
+    pub max_bytes_per_s: Option<f64>,
 }
 
 fn ten() -> f64 {

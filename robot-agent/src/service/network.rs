@@ -5,6 +5,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
 
+use protocol::board::Board;
 use protocol::host_clock::Clock;
 use protocol::id::{LeaderId, RobotId, TeamId};
 use protocol::key::{Key, Topic};
@@ -44,6 +45,7 @@ pub struct Network {
     announcement: Option<Announcement>,
     leaders: BTreeSet<LeaderId>,
     notices: Vec<String>,
+    board: Board,
 }
 
 impl Network {
@@ -61,6 +63,7 @@ impl Network {
             robot: agent.robot(),
             team,
             clock,
+            board: session.board.clone(),
             session: Some(session),
             transport: None,
             start,
@@ -141,6 +144,9 @@ impl Network {
                 self.kept.push_back(output);
             }
             Output::Notice(text) => self.tell(text),
+            Output::Health(health) => {
+                self.complete(health);
+            }
             _ => {}
         }
     }
@@ -177,6 +183,9 @@ impl Network {
             health.messages_refused += meter.refused();
             health.traffic = meter.sent_by_kind();
         }
+        // Once a second, from the agent's own thread: it works.
+        self.board.beat();
+        self.board.health(&health);
         health
     }
 

@@ -13,7 +13,7 @@ use protocol::host_clock::Clock;
 use protocol::id::{RobotId, TeamId};
 use protocol::key::{Key, Pattern, RobotTopic};
 use protocol::message::{Observation, TeamMap};
-use protocol::meter::{Direction, Row, modelled_wire_bytes};
+use protocol::meter::{Direction, Row, share_of_wire};
 use protocol::time::Timestamp;
 use protocol::transport::{AskedPicture, Options, Received, Transport, WireBytes};
 use robot_agent::agent::{Agent, AgentSettings, PictureKind};
@@ -249,23 +249,13 @@ fn outcome(
     }
 }
 
-/// What a session sent, by kind, but for the pictures asked for at the end. Zenoh counts its bytes by session only: what is not payload (headers, presence, keep-alive)
-/// is shared out by the modelled overhead of each kind, and TCP/IP's headers are added.
+/// What a session sent, by kind, but for the pictures asked for at the end.
 fn add_traffic(traffic: &mut Traffic, sender: &str, rows: &[Row], measured: Option<WireBytes>) {
-    let all = || rows.iter().filter(|row| row.direction == Direction::Sent && row.count.messages > 0);
-    let (pictures, sent): (Vec<&Row>, Vec<&Row>) = all().partition(|row| row.kind == Kind::Picture);
-    let overhead = |row: &Row| {
-        let mean = row.count.payload_bytes / row.count.messages;
-        (modelled_wire_bytes(row.kind, mean as usize) - mean) * row.count.messages
-    };
-    let zenoh = |row: &Row| overhead(row).saturating_sub(row.count.messages * protocol::meter::TCP_IP_BYTES);
-    let modelled: u64 = sent.iter().map(|row| zenoh(row)).sum();
-    let payload: u64 = sent.iter().chain(&pictures).map(|row| row.count.payload_bytes).sum();
-    let share = measured.map_or(1.0, |m| m.sent.saturating_sub(payload) as f64 / modelled.max(1) as f64);
-    for row in sent {
-        let headers = zenoh(row) as f64 * share + (overhead(row) - zenoh(row)) as f64;
-        let wire = row.count.payload_bytes + headers as u64;
-        traffic.add_many(sender, row.kind.name(), row.count.messages, row.count.payload_bytes, wire);
+    let sent = rows.iter().filter(|row| row.direction == Direction::Sent).copied();
+    for (row, wire) in share_of_wire(sent, measured.map(|wire| wire.sent)) {
+        if row.kind != Kind::Picture {
+            traffic.add_many(sender, row.kind.name(), row.count.messages, row.count.payload_bytes, wire);
+        }
     }
 }
 

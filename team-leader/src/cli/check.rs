@@ -3,6 +3,9 @@
 use std::path::PathBuf;
 
 use clap::Args;
+use protocol::security::Member;
+use protocol::security::preflight::{self, PreflightError, Report};
+use protocol::security::roster::Role;
 
 use super::solve::Format;
 use crate::config::{Config, Replay};
@@ -24,6 +27,10 @@ pub fn run(args: &CheckArgs) -> u8 {
         Ok(config) => config,
         Err(error) => return super::usage_error(&error, args.format),
     };
+    let certificate = match preflight(&config) {
+        Ok(report) => report,
+        Err(error) => return super::usage_error(&error, args.format),
+    };
     let replay = match config.replay {
         None => "none".to_owned(),
         Some(Replay::At(start)) => format!("begins at {start} of this host's clock"),
@@ -32,7 +39,9 @@ pub fn run(args: &CheckArgs) -> u8 {
     if args.format == Format::Json {
         let report = serde_json::json!({
             "ok": true, "leader": config.id, "team": config.team, "listen": config.listen, "connect": config.connect,
-            "replay": replay,
+            "replay": replay, "security": config.security.in_words(),
+            "certificate": certificate.as_ref().map(|report| &report.name),
+            "remarks": certificate.iter().flat_map(|report| &report.remarks).collect::<Vec<_>>(),
         });
         println!("{report}");
         return 0;
@@ -45,6 +54,10 @@ pub fn run(args: &CheckArgs) -> u8 {
         "  connects {}",
         if config.connect.is_empty() { "to nobody".to_owned() } else { config.connect.join(", ") }
     );
+    println!("  security {}", config.security.in_words());
+    if let Some(report) = &certificate {
+        println!("  named    {} by its certificate", report.name);
+    }
     match &config.core.anchor {
         Some(anchor) => {
             let pose = anchor.team_from_body;
@@ -55,4 +68,17 @@ pub fn run(args: &CheckArgs) -> u8 {
     }
     println!("  replay   {replay}");
     0
+}
+
+/// Looks at the certificates before anything connects, and logs what people should know.
+pub(super) fn preflight(config: &Config) -> Result<Option<Report>, PreflightError> {
+    let who = Member { team: config.team, role: Role::Leader, name: config.id.as_str() };
+    let report = config.security.preflight(who, &config.listen, preflight::now())?;
+    for remark in report.iter().flat_map(|report| &report.remarks) {
+        tracing::warn!("{remark}");
+    }
+    if let Some(remark) = preflight::opening_remark(&config.security, &config.listen) {
+        tracing::info!("{remark}");
+    }
+    Ok(report)
 }

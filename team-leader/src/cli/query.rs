@@ -10,20 +10,18 @@ use protocol::key::{Key, RobotTopic};
 use protocol::message::{Command, CommandReply, PictureKind};
 use protocol::transport::{AskError, AskedMapJson, AskedPicture, CLOSE_LIMIT, Options, Transport, TransportError};
 
+use super::outside::Outside;
 use super::solve::Format;
-use crate::config::Config;
 
-/// Time to reach the leader.
-const CONNECT_LIMIT: Duration = Duration::from_secs(3);
 /// Time for the answer.
 const ANSWER_LIMIT: Duration = Duration::from_secs(5);
 
 /// Arguments of `query`.
 #[derive(Debug, Clone, Args)]
 pub struct QueryArgs {
-    /// The leader's configuration file: team and endpoints.
-    #[arg(long, global = true, default_value = "leader.toml")]
-    pub config: PathBuf,
+    /// How to reach the team.
+    #[command(flatten)]
+    pub outside: Outside,
     #[command(subcommand)]
     what: What,
 }
@@ -89,15 +87,15 @@ enum QueryError {
 
 /// Asks; the exit code: 0 answered, 1 not answered, 2 a wrong configuration or name.
 pub fn run(args: &QueryArgs) -> u8 {
-    let config = match Config::read(&args.config) {
-        Ok(config) => config,
+    let (team, options) = match args.outside.options() {
+        Ok(reached) => reached,
         Err(error) => return super::usage_error(&error, Format::Text),
     };
     let runtime = match tokio::runtime::Builder::new_multi_thread().worker_threads(1).enable_all().build() {
         Ok(runtime) => runtime,
         Err(error) => return super::failure(&error, Format::Text),
     };
-    let asked = runtime.block_on(ask(&config, &args.what));
+    let asked = runtime.block_on(ask(team, options, &args.what));
     runtime.shutdown_timeout(CLOSE_LIMIT);
     match asked {
         Ok(()) => 0,
@@ -106,11 +104,9 @@ pub fn run(args: &QueryArgs) -> u8 {
     }
 }
 
-async fn ask(config: &Config, what: &What) -> Result<(), QueryError> {
-    let mut options = Options::client(config.listen.iter().map(|endpoint| reachable(endpoint)));
-    options.connect_limit = Some(CONNECT_LIMIT);
+async fn ask(team: TeamId, options: Options, what: &What) -> Result<(), QueryError> {
     let transport = Transport::open(options).await?;
-    let answered = answer(&transport, config.team, what).await;
+    let answered = answer(&transport, team, what).await;
     transport.close().await?;
     answered
 }
@@ -135,11 +131,6 @@ async fn answer(transport: &Transport, team: TeamId, what: &What) -> Result<(), 
         }
     }
     Ok(())
-}
-
-/// Where a leader that listens on all addresses is reached from its own host.
-fn reachable(endpoint: &str) -> String {
-    endpoint.replace("/0.0.0.0:", "/127.0.0.1:").replace("/[::]:", "/[::1]:")
 }
 
 fn write(path: &Path, bytes: &[u8]) -> Result<(), QueryError> {
@@ -173,17 +164,5 @@ impl From<Word> for Command {
             Word::Pause => Self::Pause,
             Word::Resume => Self::Resume,
         }
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_leader_on_all_addresses_is_asked_on_loopback() {
-        assert_eq!(reachable("tcp/0.0.0.0:7447"), "tcp/127.0.0.1:7447");
-        assert_eq!(reachable("tcp/[::]:7447"), "tcp/[::1]:7447");
-        assert_eq!(reachable("tcp/192.168.1.10:7447"), "tcp/192.168.1.10:7447");
     }
 }

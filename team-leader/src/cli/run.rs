@@ -4,6 +4,7 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use clap::Args;
+use protocol::board::{self, systemd};
 use protocol::host_clock::Clock;
 use protocol::transport::{CLOSE_LIMIT, Options, TransportError};
 
@@ -29,6 +30,9 @@ pub fn run(args: &RunArgs) -> u8 {
         Ok(config) => config,
         Err(error) => return super::usage_error(&error, Format::Text),
     };
+    if let Err(error) = super::check::preflight(&config) {
+        return super::usage_error(&error, Format::Text);
+    }
     if config.listen_is_default {
         tracing::info!("{}: no [network] listen: only this host can join", args.config.display());
     }
@@ -59,6 +63,9 @@ pub fn run(args: &RunArgs) -> u8 {
 async fn lead(config: Config) -> Result<Summary, TransportError> {
     let mut session = Options::router(config.listen);
     session.connect = config.connect;
+    session.security = config.security;
+    session.measure = config.metrics.is_some();
+    let (board, metrics) = (session.board.clone(), config.metrics);
     let service = Service::open(Setup {
         leader: Leader::new(config.core),
         id: config.id,
@@ -71,17 +78,25 @@ async fn lead(config: Config) -> Result<Summary, TransportError> {
     })
     .await?;
     tracing::info!("leader {} of team {} listens on {}", config.id, config.team, service.locators().join(", "));
-    service
+    systemd::ready(&format!("leads team {}", config.team));
+    let keepers = tokio::spawn(async move {
+        let Err(error) = board::keep(board, metrics).await;
+        tracing::error!("no figures: {error}");
+    });
+    let led = service
         .run(async {
             stop_signal().await;
             tracing::info!("stopping");
+            systemd::stopping();
             std::thread::spawn(|| {
                 std::thread::sleep(STOP_LIMIT);
                 tracing::error!("not stopped within {STOP_LIMIT:?}: giving up");
                 std::process::exit(1);
             });
         })
-        .await
+        .await;
+    keepers.abort();
+    led
 }
 
 /// SIGINT or SIGTERM. Without handlers the process ends by the signal itself.

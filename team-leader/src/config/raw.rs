@@ -1,5 +1,7 @@
 //! The leader's configuration as it stands in the file. Every key with its unit, its default and what it does.
 
+use protocol::board::metrics::RawMetrics;
+use protocol::security::RawSecurity;
 use serde::Deserialize;
 
 /// The whole file. Unknown keys are errors.
@@ -11,6 +13,8 @@ pub struct RawConfig {
     /// How it is reached.
     #[serde(default)]
     pub network: RawNetwork,
+    /// Who may join, and what each may say and read. Default: only this host can join.
+    pub security: Option<RawSecurity>,
     /// Where the team's frame is. Default: the body frame of the first standing robot.
     pub gauge: Option<RawGauge>,
     /// How clocks are compared.
@@ -22,6 +26,8 @@ pub struct RawConfig {
     /// How the map is given to others.
     #[serde(default)]
     pub map: RawMap,
+    /// Figures for Prometheus. Default: none are served.
+    pub metrics: Option<RawMetrics>,
     /// When recordings are to be replayed. Default: they are not; robots replay at their own `replay_start`.
     pub replay: Option<RawReplay>,
 }
@@ -45,7 +51,7 @@ pub struct RawLeader {
 #[serde(deny_unknown_fields)]
 pub struct RawNetwork {
     /// Endpoints that agents and operators connect to, `tcp/HOST:PORT`. Default `["tcp/127.0.0.1:7447"]`: this host alone.
-    /// `tcp/0.0.0.0:7447` opens it to everybody who reaches the host.
+    /// Beyond loopback only with a `[security]` section; with certificates `tls/HOST:PORT`.
     pub listen: Option<Vec<String>>,
     /// Endpoints of other leaders or zenohd routers of the team. Default: none.
     #[serde(default)]

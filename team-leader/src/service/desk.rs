@@ -136,6 +136,7 @@ impl Desk {
     pub fn health(&mut self, got: Received<Health>) {
         let verdict = self.sessions.heard(got.message.robot, got.message.epoch);
         if self.heard(verdict) {
+            self.transport.board().health(&got.message);
             self.handle(got.arrived, Input::Health(got.message));
         }
     }
@@ -193,6 +194,7 @@ impl Desk {
                 Err(why) => tracing::error!("{why}"),
             }
         }
+        self.transport.board().map(&map);
         self.last_map = Some(map);
     }
 

@@ -1,0 +1,110 @@
+//! `sim-harness scale`: what one leader carries.
+
+use clap::Args;
+
+use super::record::Format;
+use super::run::exit_code;
+use crate::scale::{self, Figures, Load, MAX_ROBOTS};
+use crate::team::TeamError;
+
+/// Arguments of `scale`. The soak is `scale --robots 20 --duration 1800`.
+#[derive(Debug, Clone, Args)]
+pub struct ScaleArgs {
+    /// Robots, in rooms of four; several numbers are tried one after another
+    #[arg(long, value_delimiter = ',', default_value = "10,50,200")]
+    robots: Vec<usize>,
+    /// Observations a second of each
+    #[arg(long, default_value_t = 10.0)]
+    rate_hz: f64,
+    /// How long each, after 5 s of settling
+    #[arg(long, value_name = "SECONDS", default_value_t = 30.0)]
+    duration: f64,
+    /// Seed of the noise
+    #[arg(long, default_value_t = 0)]
+    seed: u64,
+    /// Do not pin the leader to processor 0 and the senders to 1
+    #[arg(long)]
+    no_pin: bool,
+    /// How to report
+    #[arg(long, value_enum, default_value_t = Format::Text)]
+    format: Format,
+    /// The leader's process: not for people
+    #[arg(long, hide = true)]
+    as_leader: bool,
+}
+
+/// Does it; gives the exit code.
+#[allow(clippy::print_stderr)]
+pub fn run(args: &ScaleArgs) -> u8 {
+    let done = if args.as_leader { scale::leader::run() } else { measure(args) };
+    match done {
+        Ok(()) => 0,
+        Err(error) => {
+            eprintln!("sim-harness scale: {error}");
+            exit_code(&error)
+        }
+    }
+}
+
+#[allow(clippy::print_stderr)]
+fn measure(args: &ScaleArgs) -> Result<(), TeamError> {
+    let usage = |what: String| Err(TeamError::Usage(what));
+    if let Some(wrong) = args.robots.iter().find(|robots| !(1..=MAX_ROBOTS).contains(*robots)) {
+        return usage(format!("--robots {wrong}: 1 to {MAX_ROBOTS}"));
+    }
+    if !(0.1..=120.0).contains(&args.rate_hz) {
+        return usage(format!("--rate-hz {}: 0.1 to 120", args.rate_hz));
+    }
+    if !(1.0..=86_400.0).contains(&args.duration) {
+        return usage(format!("--duration {}: 1 to 86400 seconds", args.duration));
+    }
+    let mut all = Vec::new();
+    for robots in &args.robots {
+        let load = Load {
+            robots: *robots,
+            rate_hz: args.rate_hz,
+            duration_s: args.duration,
+            seed: args.seed,
+            pinned: !args.no_pin,
+        };
+        let mut minute = 0;
+        let figures = scale::run(&load, &mut |seconds, now| {
+            // A long run says once a minute how it goes.
+            if seconds as u64 / 60 > minute {
+                minute = seconds as u64 / 60;
+                let megabytes = now.resident_bytes as f64 * 1e-6;
+                eprintln!("{minute} min: {megabytes:.1} MB, {} files, {:.1} s of processor", now.open_files, now.cpu_s);
+            }
+        })?;
+        if args.format == Format::Text {
+            println!("{}", in_words(&figures, all.is_empty()));
+        }
+        all.push(figures);
+    }
+    if args.format == Format::Json {
+        println!("{}", serde_json::to_string_pretty(&all).map_err(|error| TeamError::Service(error.to_string()))?);
+    }
+    Ok(())
+}
+
+fn in_words(figures: &Figures, first: bool) -> String {
+    let heading = "robots  cores  latency p50 / p99 / worst ms  capture→map p50 / p99 ms  heard of sent     lost  maps/s  placed  people  MB at 5 s → end  files";
+    let [p50, p99, worst] = figures.latency_ms;
+    let [age_50, age_99, _] = figures.capture_to_map_ms;
+    let line = format!(
+        "{:>6}  {:>5.2}  {p50:>11.1} / {p99:>5.1} / {worst:>8.1}  {age_50:>17.1} / {age_99:>5.1}  {:>7} of {:>7}  {:>4}  {:>6.1}  {:>6}  {:>6}  {:>7.1} → {:>6.1}  {} → {}",
+        figures.load.robots,
+        figures.leader_cores,
+        figures.heard,
+        figures.sent,
+        figures.lost,
+        figures.maps as f64 / figures.load.duration_s,
+        figures.placed[0],
+        figures.placed[1],
+        figures.memory_mb[0],
+        figures.memory_mb[1],
+        figures.open_files[0],
+        figures.open_files[1],
+    );
+    if first { format!("{heading}\n{line}") } else { line }
+}

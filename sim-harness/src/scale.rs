@@ -1,0 +1,257 @@
+//! What one leader carries: many robots with synthetic observations through real Zenoh sessions, the leader in a process of its own.
+//!
+//! ```text
+//!  this process: rooms of 4 robots and 4 people ─▶ a session a robot ═ TCP on loopback ═▶ child process: leader's service
+//!       ▲ observer: maps                                                                    processor time, memory, files from /proc
+//! ```
+//! Robots of a room see each other and its people; rooms do not see each other, so the leader has as many components as there are
+//! rooms, like a house. The senders do what an agent's shell does (announcement, token, observations, health, clock probes) without
+//! an agent's pictures. With two processors the leader is pinned to one and the senders to the other.
+
+pub mod leader;
+pub mod room;
+mod sender;
+
+use std::io::{BufRead, BufReader, Write};
+use std::process::{Child, Command, Stdio};
+use std::time::{Duration, Instant};
+
+use protocol::board::figures::{ProcessFigures, figures_of};
+use protocol::host_clock::Clock;
+use protocol::key::Key;
+use protocol::message::TeamMap;
+use protocol::transport::{Options, Transport};
+use serde::{Deserialize, Serialize};
+
+use crate::team::TeamError;
+use room::Room;
+
+/// Robots and people in a room.
+pub const ROOM: usize = 4;
+/// Most robots: as many as a map holds.
+pub const MAX_ROBOTS: usize = protocol::message::map::MAX_ROBOTS;
+/// Time for the leader's process to listen.
+const START_LIMIT: Duration = Duration::from_secs(20);
+/// Left out of the figures: joining, first calibration.
+const SETTLING: Duration = Duration::from_secs(5);
+/// Between two looks at the leader's memory.
+const LOOK_PERIOD: Duration = Duration::from_secs(1);
+
+/// What is tried.
+#[derive(Debug, Clone, Serialize)]
+pub struct Load {
+    /// Robots.
+    pub robots: usize,
+    /// Observations a second of each.
+    pub rate_hz: f64,
+    /// How long, seconds, after 5 s of settling.
+    pub duration_s: f64,
+    /// Seed of places and noise.
+    pub seed: u64,
+    /// Whether leader and senders are pinned to processors 0 and 1.
+    pub pinned: bool,
+}
+
+/// What came out.
+#[derive(Debug, Clone, Serialize)]
+pub struct Figures {
+    /// What was tried.
+    pub load: Load,
+    /// The leader's share of one processor.
+    pub leader_cores: f64,
+    /// From an observation's arrival to its map on the wire, milliseconds, whole run: median, 99th percentile, worst.
+    pub latency_ms: [f64; 3],
+    /// From capture to the map at an observer's, milliseconds, after settling: median, 99th percentile, worst.
+    pub capture_to_map_ms: [f64; 3],
+    /// Observations sent.
+    pub sent: u64,
+    /// Observations that the leader heard.
+    pub heard: u64,
+    /// Messages that the leader dropped or refused.
+    pub lost: u64,
+    /// Maps that the observer got.
+    pub maps: u64,
+    /// Robots with a place, people in the last map.
+    pub placed: [usize; 2],
+    /// Resident memory of the leader after settling and at the end, MB.
+    pub memory_mb: [f64; 2],
+    /// Open files of the leader after settling and at the end.
+    pub open_files: [usize; 2],
+}
+
+/// What the leader's process says at its end.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+pub struct LeaderSummary {
+    /// Observations heard.
+    pub observations: u64,
+    /// Milliseconds.
+    pub latency_ms: [f32; 3],
+    /// Dropped and refused.
+    pub lost: u64,
+}
+
+/// Runs it. `progress` hears the seconds that have passed and the leader's figures of that moment.
+///
+/// # Errors
+/// No second process, no session, more robots than a map holds.
+pub fn run(load: &Load, progress: &mut dyn FnMut(f64, ProcessFigures)) -> Result<Figures, TeamError> {
+    let mut child = start_leader(load.pinned)?;
+    let measured = connected(&mut child).and_then(|endpoint| measure(load, &endpoint, &child, progress));
+    // The leader ends with its input, whatever happened here.
+    drop(child.stdin.take());
+    let summary = summary_of(&mut child);
+    let mut figures = measured?;
+    let summary = summary?;
+    figures.heard = summary.observations;
+    figures.latency_ms = summary.latency_ms.map(f64::from);
+    figures.lost = summary.lost;
+    Ok(figures)
+}
+
+fn start_leader(pinned: bool) -> Result<Child, TeamError> {
+    let own = std::env::current_exe().map_err(failed)?;
+    let mut command = match pinned {
+        true => {
+            let mut command = Command::new("taskset");
+            command.args(["-c", "0"]).arg(own);
+            command
+        }
+        false => Command::new(own),
+    };
+    if pinned {
+        // All threads that there will be inherit it.
+        let pid = std::process::id().to_string();
+        let pin = Command::new("taskset").args(["-a", "-c", "-p", "1", &pid]).stdout(Stdio::null()).status();
+        pin.map_err(|error| TeamError::Service(format!("taskset: {error}; try --no-pin")))?;
+    }
+    command.args(["scale", "--as-leader"]).stdin(Stdio::piped()).stdout(Stdio::piped()).spawn().map_err(failed)
+}
+
+fn connected(child: &mut Child) -> Result<String, TeamError> {
+    let began = Instant::now();
+    let Some(output) = child.stdout.take() else { return Err(failed("the leader's process has no output")) };
+    let mut line = String::new();
+    let mut reader = BufReader::new(output);
+    reader.read_line(&mut line).map_err(failed)?;
+    if line.trim().is_empty() || began.elapsed() > START_LIMIT {
+        return Err(failed("the leader's process did not begin"));
+    }
+    // The summary comes later, from the same pipe.
+    child.stdout = Some(reader.into_inner());
+    Ok(line.trim().to_owned())
+}
+
+fn summary_of(child: &mut Child) -> Result<LeaderSummary, TeamError> {
+    let mut last = String::new();
+    if let Some(output) = child.stdout.take() {
+        for line in BufReader::new(output).lines() {
+            last = line.map_err(failed)?;
+        }
+    }
+    child.wait().map_err(failed)?;
+    serde_json::from_str(&last).map_err(|error| failed(format!("the leader's process gave no summary: {error}")))
+}
+
+fn measure(
+    load: &Load,
+    endpoint: &str,
+    child: &Child,
+    progress: &mut dyn FnMut(f64, ProcessFigures),
+) -> Result<Figures, TeamError> {
+    let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(2).enable_all().build().map_err(failed)?;
+    // `taskset` replaces itself by the leader, so its number is the child's.
+    runtime.block_on(measure_async(load, endpoint, &child.id().to_string(), progress))
+}
+
+async fn measure_async(
+    load: &Load,
+    endpoint: &str,
+    leader: &str,
+    progress: &mut dyn FnMut(f64, ProcessFigures),
+) -> Result<Figures, TeamError> {
+    let team = leader::team_id()?;
+    let observer = Transport::open(Options::client([endpoint])).await.map_err(failed)?;
+    let mut maps = observer.subscribe::<TeamMap>(Key::map(team)).await.map_err(failed)?;
+    let (stop, stopped) = tokio::sync::watch::channel(false);
+    let mut senders = Vec::new();
+    for index in 0..load.robots {
+        let room = Room::new(index / ROOM, load.seed);
+        senders.push(sender::start(room, index, load.rate_hz, endpoint, stopped.clone()).await?);
+    }
+    let clock = Clock::system();
+    let look = || figures_of(leader).ok_or_else(|| failed("the leader's process has ended"));
+    let mut tick = tokio::time::interval(LOOK_PERIOD);
+    let began = Instant::now();
+    let total = SETTLING + Duration::from_secs_f64(load.duration_s);
+    let (mut settled, mut ages, mut count, mut last_map) = (None, Vec::new(), 0, None);
+    while began.elapsed() < total {
+        tokio::select! {
+            Some(map) = maps.recv() => {
+                if settled.is_some() {
+                    count += 1;
+                    ages.push(clock.now().seconds_since(map.message.stamp) * 1e3);
+                }
+                last_map = Some(map.message);
+            }
+            _ = tick.tick() => {
+                let figures = look()?;
+                if settled.is_none() && began.elapsed() >= SETTLING {
+                    settled = Some((figures, Instant::now()));
+                }
+                progress(began.elapsed().as_secs_f64(), figures);
+            }
+        }
+    }
+    let end = look()?;
+    let (start, since) = settled.unwrap_or((end, began));
+    let _ = stop.send(true);
+    let mut sent = 0;
+    for sender in senders {
+        sent += sender.await.map_err(failed)?;
+    }
+    observer.close().await.map_err(failed)?;
+    let placed = last_map.as_ref().map_or([0, 0], |map| {
+        [map.robots.iter().filter(|robot| robot.team_from_body.is_some()).count(), map.targets.len()]
+    });
+    let megabytes = |figures: &ProcessFigures| figures.resident_bytes as f64 * 1e-6;
+    Ok(Figures {
+        load: load.clone(),
+        leader_cores: (end.cpu_s - start.cpu_s) / since.elapsed().as_secs_f64().max(1e-3),
+        latency_ms: [0.0; 3],
+        capture_to_map_ms: percentiles(ages),
+        sent,
+        heard: 0,
+        lost: 0,
+        maps: count,
+        placed,
+        memory_mb: [megabytes(&start), megabytes(&end)],
+        open_files: [start.open_files, end.open_files],
+    })
+}
+
+fn percentiles(mut values: Vec<f64>) -> [f64; 3] {
+    values.sort_by(f64::total_cmp);
+    let at = |share: f64| values.get((share * values.len() as f64) as usize).or(values.last()).copied().unwrap_or(0.0);
+    [at(0.5), at(0.99), at(1.0)]
+}
+
+/// Flushes a line to the parent.
+fn say(line: &str) -> Result<(), TeamError> {
+    let mut output = std::io::stdout().lock();
+    writeln!(output, "{line}").and_then(|()| output.flush()).map_err(failed)
+}
+
+fn failed(error: impl std::fmt::Display) -> TeamError {
+    TeamError::Service(error.to_string())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn percentiles_are_of_the_sorted_values() {
+        assert_eq!(percentiles((0..100).rev().map(f64::from).collect()), [50.0, 99.0, 99.0]);
+        assert_eq!(percentiles(Vec::new()), [0.0; 3]);
+    }
+}
