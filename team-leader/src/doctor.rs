@@ -10,6 +10,7 @@ mod tests;
 use std::collections::{BTreeMap, BTreeSet};
 
 use protocol::id::{LeaderId, RobotId, TeamId};
+use protocol::message::map::Trust;
 use protocol::message::{Announcement, Health, MapStatus, Observation, Presence, TeamMap};
 use serde::Serialize;
 
@@ -300,6 +301,10 @@ fn map(heard: &Heard, notes: &mut Notes) {
                 notes.warning(&robot.id, "has no place in the map", "nobody sees it, or it sees nobody; see below");
             }
             Presence::Online => {}
+        }
+        if robot.trust == Trust::SetAside {
+            let cure = "its [mounting], its marker, or somebody who speaks for it: see the map's explanation";
+            notes.warning(&robot.id, "what it sees contradicts the others; it is hardly used", cure);
         }
         match robot.clock_offset_s {
             Some((offset, sigma)) => {

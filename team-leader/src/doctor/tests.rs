@@ -2,6 +2,7 @@
 
 use protocol::frames::Pose2;
 use protocol::marker::Marker;
+use protocol::message::map::Trust;
 use protocol::message::observation::FeaturePart;
 use protocol::message::{CameraSummary, Feature, KindTraffic, MapRobot, Motion, PeerSighting, Stages};
 use protocol::quantity::{Angle16, Fraction8, LogSigma};
@@ -46,6 +47,7 @@ fn each_trouble_is_named_with_its_cure() {
         (|h| map_robot(h).clock_offset_s = Some((0.0, 0.05)), Severity::Warning, "to 50 ms", "link"),
         (|h| map_robot(h).clock_offset_s = None, Severity::Warning, "not been measured", "probes"),
         (|h| map_robot(h).presence = Presence::Offline, Severity::Warning, "offline", "start"),
+        (|h| map_robot(h).trust = Trust::SetAside, Severity::Warning, "contradicts the others", "[mounting]"),
         (|h| map_robot(h).team_from_body = None, Severity::Warning, "no place", "sees"),
         (|h| h.map.as_mut().unwrap().status = MapStatus::Inconsistent, Severity::Problem, "contradicts", "radius"),
         (|h| blind(h), Severity::Warning, "sees no fellow", "mask"),
@@ -88,6 +90,9 @@ fn healthy() -> Heard {
         presence: Presence::Online,
         moving: false,
         clock_offset_s: Some((0.01, 0.001)),
+        lag_s: None,
+        bias_rad: None,
+        trust: Trust::Full,
     };
     Heard {
         team: "blue".parse().unwrap(),
