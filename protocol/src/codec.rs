@@ -70,11 +70,13 @@ pub enum Kind {
     MapJson = 12,
     /// [`crate::message::ReplayStart`].
     ReplayStart = 13,
+    /// [`crate::message::Candidacy`].
+    Candidacy = 14,
 }
 
 impl Kind {
     /// All kinds, in the order of their numbers.
-    pub const ALL: [Self; 13] = [
+    pub const ALL: [Self; 14] = [
         Self::Announcement,
         Self::Observation,
         Self::Alarm,
@@ -88,6 +90,7 @@ impl Kind {
         Self::Picture,
         Self::MapJson,
         Self::ReplayStart,
+        Self::Candidacy,
     ];
 
     /// The kind of that number.
@@ -111,6 +114,7 @@ impl Kind {
             Self::Picture => "picture",
             Self::MapJson => "map as JSON",
             Self::ReplayStart => "replay start",
+            Self::Candidacy => "candidacy",
         }
     }
 
@@ -123,7 +127,7 @@ impl Kind {
             Self::Alarm => 512,
             Self::Command | Self::Guidance => 256,
             Self::CommandReply => 1 << 10,
-            Self::ClockProbe | Self::ClockReply | Self::ReplayStart => 64,
+            Self::ClockProbe | Self::ClockReply | Self::ReplayStart | Self::Candidacy => 64,
             Self::TeamMap | Self::Picture => 4 << 20,
             Self::MapJson => 16 << 20,
         }

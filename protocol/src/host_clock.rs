@@ -1,12 +1,16 @@
 //! The host's clock, for the shells: the cores are told the time.
 //!
+//! It is read once, and runs on steadily from there: whoever sets the host's clock (chrony's `makestep`, a person) while a
+//! program runs moves none of its stamps. Two programs of one host may then differ by the step; leaders measure that.
+//!
 //! Robots of a simulated team live on one host but their clocks differ: each gets the host's clock and a fixed offset.
 
-use std::time::{Duration, SystemTime, UNIX_EPOCH};
+use std::sync::OnceLock;
+use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
 use crate::time::Timestamp;
 
-/// The host's wall clock plus a fixed offset.
+/// The host's wall clock as it was at the program's start, running on, plus a fixed offset.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Clock {
     offset_ns: i64,
@@ -25,8 +29,10 @@ impl Clock {
 
     /// The present instant on this clock. A host whose clock stands before 1970 reads as the epoch.
     pub fn now(&self) -> Timestamp {
-        let since_epoch = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or(Duration::ZERO);
-        let ns = u64::try_from(since_epoch.as_nanos()).unwrap_or(u64::MAX);
+        static START: OnceLock<(Instant, Duration)> = OnceLock::new();
+        let (start, since_epoch) = START
+            .get_or_init(|| (Instant::now(), SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or(Duration::ZERO)));
+        let ns = u64::try_from((*since_epoch + start.elapsed()).as_nanos()).unwrap_or(u64::MAX);
         Timestamp(ns.saturating_add_signed(self.offset_ns))
     }
 

@@ -3,7 +3,7 @@
 //! ```text
 //! pal/{team}/robot/{robot}/alive | announcement | observation | alarm | health | command | clock
 //! pal/{team}/robot/{robot}/picture/{kind}
-//! pal/{team}/leader/{leader}/alive
+//! pal/{team}/leader/{leader}/alive | candidacy
 //! pal/{team}/map
 //! pal/{team}/map/json
 //! pal/{team}/guidance/{robot}
@@ -38,6 +38,8 @@ pub enum Topic {
     Robot(RobotId, RobotTopic),
     /// Liveliness token of a leader.
     LeaderAlive(LeaderId),
+    /// Where a leader stands: for the other leaders.
+    Candidacy(LeaderId),
     /// The team map.
     Map,
     /// The same as JSON.
@@ -104,6 +106,11 @@ impl Key {
         Self { team, topic: Topic::LeaderAlive(leader) }
     }
 
+    /// Where a leader stands.
+    pub fn candidacy(team: TeamId, leader: LeaderId) -> Self {
+        Self { team, topic: Topic::Candidacy(leader) }
+    }
+
     /// The team map.
     pub fn map(team: TeamId) -> Self {
         Self { team, topic: Topic::Map }
@@ -137,6 +144,7 @@ impl Key {
         match self.topic {
             Topic::Robot(_, topic) => topic.kind(),
             Topic::LeaderAlive(_) => None,
+            Topic::Candidacy(_) => Some(Kind::Candidacy),
             Topic::Map => Some(Kind::TeamMap),
             Topic::MapJson => Some(Kind::MapJson),
             Topic::Guidance(_) => Some(Kind::Guidance),
@@ -149,7 +157,11 @@ impl Key {
         match (subject, self.robot_id()) {
             (Subject::Robot(named), Some(robot)) => named == robot,
             (Subject::Robot(_), None) => false,
-            (Subject::Leader(_), robot) => robot.is_none(),
+            (Subject::Leader(named), None) => match self.topic {
+                Topic::LeaderAlive(leader) | Topic::Candidacy(leader) => named == leader,
+                _ => true,
+            },
+            (Subject::Leader(_), Some(_)) => false,
             (Subject::Nobody, _) => true,
         }
     }
@@ -192,6 +204,7 @@ impl fmt::Display for Key {
         match &self.topic {
             Topic::Robot(robot, topic) => write!(f, "{ROOT}/{team}/robot/{robot}/{topic}"),
             Topic::LeaderAlive(leader) => write!(f, "{ROOT}/{team}/leader/{leader}/alive"),
+            Topic::Candidacy(leader) => write!(f, "{ROOT}/{team}/leader/{leader}/candidacy"),
             Topic::Map => write!(f, "{ROOT}/{team}/map"),
             Topic::MapJson => write!(f, "{ROOT}/{team}/map/json"),
             Topic::Guidance(robot) => write!(f, "{ROOT}/{team}/guidance/{robot}"),
@@ -219,6 +232,7 @@ impl FromStr for Key {
                 Topic::Robot(RobotId::new(robot).map_err(name)?, robot_topic(topic, &shown)?)
             }
             ["leader", leader, "alive"] => Topic::LeaderAlive(LeaderId::new(leader).map_err(name)?),
+            ["leader", leader, "candidacy"] => Topic::Candidacy(LeaderId::new(leader).map_err(name)?),
             ["map"] => Topic::Map,
             ["map", "json"] => Topic::MapJson,
             ["guidance", robot] => Topic::Guidance(RobotId::new(robot).map_err(name)?),
@@ -256,6 +270,8 @@ pub enum Pattern {
     EveryPicture(TeamId),
     /// Liveliness of every leader.
     EveryLeader(TeamId),
+    /// Where every leader stands.
+    EveryCandidacy(TeamId),
     /// Guidance for every robot.
     EveryGuidance(TeamId),
 }
@@ -278,6 +294,7 @@ impl Pattern {
                 team == key.team && matches!(key.topic, Topic::Robot(_, RobotTopic::Picture(_)))
             }
             Self::EveryLeader(team) => team == key.team && matches!(key.topic, Topic::LeaderAlive(_)),
+            Self::EveryCandidacy(team) => team == key.team && matches!(key.topic, Topic::Candidacy(_)),
             Self::EveryGuidance(team) => team == key.team && matches!(key.topic, Topic::Guidance(_)),
         }
     }
@@ -290,6 +307,7 @@ impl fmt::Display for Pattern {
             Self::EveryRobot(team, topic) => write!(f, "{ROOT}/{team}/robot/*/{topic}"),
             Self::EveryPicture(team) => write!(f, "{ROOT}/{team}/robot/*/picture/*"),
             Self::EveryLeader(team) => write!(f, "{ROOT}/{team}/leader/*/alive"),
+            Self::EveryCandidacy(team) => write!(f, "{ROOT}/{team}/leader/*/candidacy"),
             Self::EveryGuidance(team) => write!(f, "{ROOT}/{team}/guidance/*"),
         }
     }
@@ -316,6 +334,7 @@ mod tests {
             "pal/blue/robot/r1/picture/tracks",
             "pal/blue/robot/r1/picture/background",
             "pal/blue/leader/l-1/alive",
+            "pal/blue/leader/l-1/candidacy",
             "pal/blue/map",
             "pal/blue/map/json",
             "pal/blue/guidance/r1",
@@ -350,7 +369,12 @@ mod tests {
                 patterns.push(Pattern::EveryRobot(team, topic));
             }
         }
-        patterns.extend([Pattern::EveryPicture(team), Pattern::EveryLeader(team), Pattern::EveryGuidance(team)]);
+        patterns.extend([
+            Pattern::EveryPicture(team),
+            Pattern::EveryLeader(team),
+            Pattern::EveryCandidacy(team),
+            Pattern::EveryGuidance(team),
+        ]);
         for pattern in patterns {
             for key in every_key() {
                 assert_eq!(
@@ -392,6 +416,7 @@ mod tests {
         let mut keys: Vec<Key> = topics.into_iter().map(|topic| Key::robot(team, robot, topic)).collect();
         keys.extend([
             Key::leader_alive(team, LeaderId::new("l-1").unwrap()),
+            Key::candidacy(team, LeaderId::new("l-1").unwrap()),
             Key::map(team),
             Key::map_json(team),
             Key::guidance(team, robot),

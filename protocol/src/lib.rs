@@ -7,6 +7,7 @@ pub mod board;
 pub mod codec;
 pub mod document;
 pub mod estimate;
+pub mod fence;
 pub mod frames;
 #[cfg(feature = "zenoh")]
 pub mod host_clock;

@@ -3,6 +3,7 @@
 
 pub mod alarm;
 pub mod announcement;
+pub mod candidacy;
 pub mod clock;
 pub mod command;
 pub mod guidance;
@@ -16,11 +17,12 @@ pub(crate) mod samples;
 
 pub use alarm::{Alarm, AlarmKind};
 pub use announcement::{Announcement, CameraSummary};
+pub use candidacy::Candidacy;
 pub use clock::{ClockProbe, ClockReply};
 pub use command::{Command, CommandReply};
 pub use guidance::Guidance;
 pub use health::{Health, KindTraffic};
-pub use map::{MapRobot, MapStatus, MapTarget, Presence, TeamMap, Trust};
+pub use map::{MapRobot, MapStatus, MapTarget, Presence, TeamMap, Trouble, Trust};
 pub use observation::{
     ElevationEnd, Feature, Motion, ObjectClass, Observation, Odometry, PeerSighting, SightedRange, Stages,
     TrackObservation, TrackState,

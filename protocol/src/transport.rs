@@ -24,6 +24,7 @@
 //! ```
 
 mod error;
+mod maps;
 mod options;
 mod presence;
 mod publisher;
@@ -39,6 +40,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 pub use error::{AskError, TransportError};
+pub use maps::Maps;
 pub use options::{HANDSHAKE_LIMIT, LEASE, MAX_MESSAGE_BYTES, MAX_SESSIONS, Options, RETRY, Role};
 pub use presence::{AliveToken, Presences, Sign};
 pub use publisher::{Publisher, TextPublisher};

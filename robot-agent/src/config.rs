@@ -31,6 +31,8 @@ pub struct Config {
     pub team: TeamId,
     /// Name of the host, for people.
     pub host: String,
+    /// Where alarms outlive the program.
+    pub state_dir: Option<PathBuf>,
     /// `camera.toml`.
     pub camera: PathBuf,
     /// What the robot wears.
@@ -119,6 +121,7 @@ impl Config {
             robot,
             team,
             host: host(document, r.host.as_deref())?,
+            state_dir: r.state_dir.as_ref().map(|dir| document.resolve(dir)),
             camera: document.resolve(&r.camera),
             marker: marker::checked(document, r)?,
             capture: capture(document, &raw.capture)?,

@@ -6,11 +6,13 @@
 //!  questions ───────────────────▶└─────────┘◀───────────────────────────────────────┘
 //! ```
 //! Nothing here waits for the network: the agent works from the first moment, whether or not a leader is there. While nobody
-//! is connected its observations go nowhere; the last announcement and the alarms are kept.
+//! is connected its observations go nowhere; the last announcement and the alarms are kept, and over a restart in a journal.
 
+mod journal;
 mod link;
 mod mailbox;
 mod network;
+mod queue;
 mod replay;
 mod source;
 mod waiting;
@@ -26,18 +28,16 @@ use protocol::host_clock::Clock;
 use protocol::id::TeamId;
 use protocol::meter::Row;
 use protocol::transport::{Options, TransportError, WireBytes};
-use tokio::sync::{Notify, mpsc};
+use tokio::sync::Notify;
 
+pub use journal::{Journal, JournalError};
 pub use replay::{Replay, Start};
 pub use source::{Captured, FrameSender, LONGEST_WAIT, LiveSource, frame_channel};
 
 use crate::agent::Agent;
 use mailbox::Mailbox;
 use network::Network;
-use worker::Outbox;
 
-/// Outputs that wait for the network task; more are dropped and counted.
-const MAX_OUTPUTS: usize = 256;
 /// Time that the threads have to finish what they are doing.
 const THREADS_LIMIT: Duration = Duration::from_secs(2);
 /// After a recording's last frame, time to work on it before the agent stops.
@@ -55,6 +55,8 @@ pub struct Setup {
     pub team: TeamId,
     /// How to open the session; `clock` of the options is set from this one's.
     pub session: Options,
+    /// Alarms that outlive the agent.
+    pub journal: Option<Journal>,
     /// To be filled with the leader's common start, for a [`Replay`] that waits for it.
     pub start: Option<Start>,
     /// Whether the end of the source ends the service.
@@ -94,17 +96,20 @@ pub struct Summary {
 /// # Errors
 /// A wrong endpoint, no threads. A leader that is away is no error: the agent waits and says so once.
 pub async fn run(setup: Setup, shutdown: impl Future<Output = ()>) -> Result<Summary, ServiceError> {
-    let Setup { agent, source, clock, team, mut session, start, stop_at_end } = setup;
+    let Setup { agent, source, clock, team, mut session, journal, start, stop_at_end } = setup;
     session.clock = clock;
     let mailbox = Arc::new(Mailbox::default());
     let dropped = Arc::new(AtomicU64::new(0));
     let ended = Arc::new(Notify::new());
-    let (queue, outputs) = mpsc::channel(MAX_OUTPUTS);
-    let mut network = Network::new(&agent, team, clock, session, start, mailbox.clone(), dropped.clone());
+    let (outbox, outputs) = queue::queue(dropped.clone());
+    let mut network = Network::new(&agent, team, clock, session, start, mailbox.clone(), dropped);
+    if let Some(journal) = journal {
+        network.keep_alarms(journal);
+    }
 
     let tell = ended.clone();
     let threads = vec![
-        worker::start_agent(agent, clock, mailbox.clone(), Outbox::new(queue, dropped))?,
+        worker::start_agent(agent, clock, mailbox.clone(), outbox)?,
         worker::start_capture(source, clock, mailbox.clone(), move || tell.notify_one())?,
     ];
     let ended = async {

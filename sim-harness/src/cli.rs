@@ -2,6 +2,7 @@
 
 pub mod bandwidth;
 pub mod bench;
+pub mod chaos;
 pub mod demo;
 pub mod efficiency;
 pub mod motion;

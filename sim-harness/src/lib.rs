@@ -2,6 +2,7 @@
 
 pub mod bandwidth;
 pub mod bench;
+pub mod chaos;
 pub mod cli;
 pub mod efficiency;
 pub mod motion;

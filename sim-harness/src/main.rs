@@ -3,7 +3,7 @@
 use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
-use sim_harness::cli::{bandwidth, bench, demo, efficiency, motion, record, replay, run, scale, score, zoo};
+use sim_harness::cli::{bandwidth, bench, chaos, demo, efficiency, motion, record, replay, run, scale, score, zoo};
 
 #[derive(Debug, Parser)]
 #[command(
@@ -38,6 +38,8 @@ enum Command {
     Bench(bench::BenchArgs),
     /// One robot's eye on rendered scenes with truth: meetings, the seam, light, turns, ranges
     Motion(motion::MotionArgs),
+    /// Faults on purpose: what is lost, and how long until the map is right again
+    Chaos(chaos::ChaosArgs),
     /// The same room through every camera, with its panorama
     Zoo(zoo::ZooArgs),
 }
@@ -62,6 +64,7 @@ fn main() -> ExitCode {
         Some(Command::Scale(args)) => scale::run(&args),
         Some(Command::Bench(args)) => bench::run(&args),
         Some(Command::Motion(args)) => motion::run(&args),
+        Some(Command::Chaos(args)) => chaos::run(&args),
         Some(Command::Zoo(args)) => zoo::run(&args),
     })
 }

@@ -190,7 +190,11 @@ impl Recording {
                         maps.push(map);
                     }
                     Output::Notice(text) => notices.push(format!("leader: {text}")),
-                    Output::ClockProbe(..) | Output::Guidance(_) => {}
+                    Output::ClockProbe(..)
+                    | Output::Guidance(_)
+                    | Output::Reign(_)
+                    | Output::Candidacy(_)
+                    | Output::Alarm(_) => {}
                 }
             }
         }

@@ -59,6 +59,11 @@ impl ClockOffset {
         (width_s / 12f64.sqrt()).max(LEAST_SIGMA_S)
     }
 
+    /// Half the width of the interval in which the offset is for certain, at leader time `now`, seconds.
+    pub fn half_width_s(&self, now: Timestamp) -> f64 {
+        0.5 * (self.high_s - self.low_s) + self.widening_s(now)
+    }
+
     /// A stamp of the robot on the leader's clock.
     pub fn leader_time(&self, robot_time: Timestamp) -> Timestamp {
         robot_time.offset_by_secs(-self.offset_s())

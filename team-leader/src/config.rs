@@ -3,7 +3,7 @@
 mod raw;
 
 use std::net::SocketAddr;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use protocol::document::{Document, DocumentError, INSTANT_WANTED, endpoint_problem, parse_instant};
 use protocol::frames::Pose2;
@@ -17,6 +17,8 @@ use raw::RawConfig;
 
 /// Port of `/metrics` where the file gives none.
 const METRICS_PORT: u16 = 9464;
+/// A leader that connects to others first listens for so long whether one of them leads, seconds.
+const LISTENS_S: f64 = 1.0;
 
 /// Everything `team-leader run` needs to know, checked.
 #[derive(Debug, Clone)]
@@ -37,6 +39,8 @@ pub struct Config {
     pub security: Security,
     /// Address of `/metrics`, where it is wanted.
     pub metrics: Option<SocketAddr>,
+    /// Where what must outlive the program is kept.
+    pub state_dir: Option<PathBuf>,
     /// Whether the map is also published as JSON while somebody listens.
     pub json: bool,
     /// When recordings are to be replayed, if they are.
@@ -72,6 +76,9 @@ impl Config {
             .map_err(|e| document.invalid("leader.team", quoted(&raw.leader.team), e.to_string()))?;
         let mut core = LeaderCoreConfig::new(id);
         core.term = raw.leader.term;
+        if !raw.network.connect.is_empty() {
+            core.listens_s = LISTENS_S;
+        }
         core.anchor = raw.gauge.as_ref().map(|gauge| anchor(document, gauge)).transpose()?;
         core.clock.trusted = raw.clock.trusted;
         let t = &raw.targets;
@@ -102,6 +109,7 @@ impl Config {
             connect,
             security,
             metrics: raw.metrics.as_ref().map(|raw| raw.checked(document, METRICS_PORT)).transpose()?,
+            state_dir: raw.leader.state_dir.as_ref().map(|dir| document.resolve(dir)),
             json: raw.map.json,
             replay: raw.replay.as_ref().map(|replay| self::replay(document, replay)).transpose()?,
         })

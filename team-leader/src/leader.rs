@@ -5,18 +5,24 @@
 //!  Observation ─▶ clock offset ─▶ timeline ─▶ calibration (who stands where) ─▶ correspondence (targets) ─▶ map
 //! ```
 
+mod alarms;
 pub mod config;
 mod consistency;
 mod guidance;
+mod inherit;
 mod intake;
 mod member;
+mod names;
+mod sessions;
+pub mod succession;
 
 use std::collections::BTreeSet;
 
-use protocol::id::RobotId;
+use protocol::fence::Fence;
+use protocol::id::{LeaderId, RobotId};
 use protocol::message::map::MAX_EXPLANATION_LEN;
 use protocol::message::{
-    Alarm, Announcement, ClockProbe, ClockReply, Guidance, Health, MapStatus, Observation, TeamMap,
+    Alarm, Announcement, Candidacy, ClockProbe, ClockReply, Guidance, Health, MapStatus, Observation, TeamMap,
 };
 use protocol::time::Timestamp;
 
@@ -24,12 +30,19 @@ use crate::calibration::live::Calibrator;
 use crate::calibration::systematic::Systematic;
 use crate::correspondence::Follower;
 use crate::team_map::build::{RobotFacts, build};
+use alarms::AlarmLog;
 pub use config::{Anchor, CalibrationConfig, ClockConfig, GuidanceConfig, LeaderCoreConfig, TargetConfig};
 use guidance::Guide;
+use inherit::Heritage;
 use member::Member;
+use names::Names;
+use sessions::Sessions;
+use succession::{Change, Succession};
 
 /// Most robots in a team.
 pub const MAX_ROBOTS: usize = protocol::message::map::MAX_ROBOTS;
+/// A leader that stood still for so long has been followed by another: it must not go on as if nothing had been.
+pub const THAW_AFTER: std::time::Duration = std::time::Duration::from_secs(1);
 /// Most distinct notices.
 const MAX_NOTICES: usize = 1000;
 
@@ -50,6 +63,16 @@ pub enum Input {
     Alarm(Alarm),
     /// A robot's health.
     Health(Health),
+    /// Another leader's liveliness token appeared.
+    LeaderAlive(LeaderId),
+    /// Another leader's liveliness token vanished.
+    LeaderGone(LeaderId),
+    /// Where another leader stands. One's own comes back and is ignored.
+    Candidacy(Candidacy),
+    /// The map of whoever leads. One's own comes back and is ignored.
+    Map(TeamMap),
+    /// This program stood still for longer than the others wait ([`THAW_AFTER`]).
+    Thawed,
     /// `next_deadline` has come.
     Deadline,
 }
@@ -57,8 +80,14 @@ pub enum Input {
 /// Everything a leader does.
 #[derive(Debug, Clone)]
 pub enum Output {
-    /// Publish, and answer queries with it from now on.
+    /// Lead: publish maps and answer for the team, in this term; `None`: stand by, take all of that back.
+    Reign(Option<u64>),
+    /// Publish, and answer queries with it from now on. Only while it leads.
     Map(TeamMap),
+    /// Tell the other leaders.
+    Candidacy(Candidacy),
+    /// A robot's alarm, for the record: each once.
+    Alarm(Alarm),
     /// Ask this robot; the shell sets `sent` at the last moment.
     ClockProbe(RobotId, ClockProbe),
     /// Publish.
@@ -80,6 +109,14 @@ pub struct Leader {
     newest: Option<Timestamp>,
     sequence: u64,
     told: BTreeSet<String>,
+    succession: Succession,
+    fence: Fence,
+    heritage: Heritage,
+    names: Names,
+    sessions: Sessions,
+    alarms: AlarmLog,
+    /// What robots that replay recordings were told, by whoever leads.
+    replay_start: Option<Timestamp>,
 }
 
 impl Leader {
@@ -90,6 +127,13 @@ impl Leader {
             follower: Follower::new(config.targets),
             systematic: Systematic::new(config.targets),
             guide: Guide::default(),
+            succession: Succession::new(config.leader, config.epoch, config.term, 0, config.listens_s),
+            fence: Fence::default(),
+            heritage: Heritage::default(),
+            names: Names::default(),
+            sessions: Sessions::default(),
+            alarms: AlarmLog::default(),
+            replay_start: None,
             config,
             members: Vec::new(),
             newest: None,
@@ -100,33 +144,123 @@ impl Leader {
 
     /// Works on one event. Outputs are appended in the order in which they should leave.
     pub fn handle(&mut self, now: Timestamp, input: Input, outputs: &mut Vec<Output>) {
+        self.succeed(now, &input, outputs);
         match input {
-            Input::Announcement(announcement) => self.announced(announcement, outputs),
+            Input::Announcement(announcement) => self.announced(now, announcement, outputs),
             Input::Observation(robot, observation) => {
-                if self.observed(now, robot, &observation, outputs) {
+                if self.observed(now, robot, &observation, outputs) && self.succession.reign().is_some() {
                     outputs.push(Output::Map(self.map(now)));
                     self.guide(now, outputs);
+                    self.tell_of_moved(outputs);
                 }
             }
             Input::RobotAlive(robot) => {
                 if let Some(k) = self.member(robot, outputs) {
                     self.members[k].alive = true;
+                    self.calibrator.is_back(k);
                 }
             }
             Input::RobotGone(robot) => {
+                self.sessions.gone(robot);
                 if let Some(k) = self.members.iter().position(|m| m.id == robot) {
                     self.members[k].alive = false;
                 }
             }
             Input::ClockReply(robot, reply) => self.clock_replied(now, robot, &reply, outputs),
-            Input::Alarm(_) | Input::Health(_) | Input::Deadline => {}
+            Input::Alarm(alarm) => self.alarmed(now, alarm, outputs),
+            Input::Health(health) => {
+                // It says nothing that the leader needs, but a session that has no frames still speaks by it.
+                let verdict = self.sessions.heard(now, health.robot, health.epoch);
+                self.is_used(health.robot, verdict, outputs);
+            }
+            Input::Map(map) => self.map_heard(now, &map, outputs),
+            Input::LeaderAlive(_) | Input::LeaderGone(_) | Input::Candidacy(_) | Input::Thawed | Input::Deadline => {}
         }
         self.probe(now, outputs);
     }
 
     /// When [`Input::Deadline`] is wanted at the latest. Earlier or repeated calls do no harm.
     pub fn next_deadline(&self) -> Option<Timestamp> {
-        self.members.iter().filter_map(|m| m.next_probe(&self.config.clock)).min()
+        let probes = self.members.iter().filter_map(|m| m.next_probe(&self.config.clock));
+        probes.chain([self.succession.next()]).min()
+    }
+
+    /// Who this leader is.
+    pub fn id(&self) -> LeaderId {
+        self.config.leader
+    }
+
+    /// The term, while it leads.
+    pub fn reign(&self) -> Option<u64> {
+        self.succession.reign()
+    }
+
+    /// The highest term that it knows of.
+    pub fn highest_term(&self) -> u64 {
+        self.succession.highest()
+    }
+
+    /// The common start that robots were given, for the other leaders.
+    pub fn give_replay_start(&mut self, start: Timestamp) {
+        self.replay_start = Some(start);
+    }
+
+    /// The common start of recordings that this or another leader gave.
+    pub fn replay_start(&self) -> Option<Timestamp> {
+        self.replay_start
+    }
+
+    /// An alarm that stands in the record of an earlier session: it is not new when it comes again.
+    pub fn alarm_is_known(&mut self, robot: RobotId, epoch: u64, number: u32) {
+        self.alarms.mark(robot, epoch, number);
+    }
+
+    /// Takes part in the succession: hears the other leaders, decides, says where it stands.
+    fn succeed(&mut self, now: Timestamp, input: &Input, outputs: &mut Vec<Output>) {
+        match input {
+            Input::LeaderAlive(leader) => self.succession.token(now, *leader, true),
+            Input::LeaderGone(leader) => self.succession.token(now, *leader, false),
+            Input::Candidacy(word) => {
+                if self.succession.heard(now, word) {
+                    let text = format!(
+                        "two leaders use the id {}: sessions {:016x} and {:016x}; give one of them another [leader] id",
+                        word.leader, self.config.epoch, word.epoch
+                    );
+                    self.tell(text, outputs);
+                }
+                self.replay_start = self.replay_start.or(word.replay_start);
+            }
+            Input::Thawed if self.succession.thawed(now).is_some() => outputs.push(Output::Reign(None)),
+            _ => {}
+        }
+        let robots = self.robots_used(now);
+        match self.succession.decide(now, robots) {
+            Some(Change::Begin(term)) => {
+                self.sequence = 0;
+                self.fence.admits(now, self.config.leader, term);
+                outputs.push(Output::Reign(Some(term)));
+            }
+            Some(Change::End) => outputs.push(Output::Reign(None)),
+            None => {}
+        }
+        let word = self.succession.word(now, robots, self.replay_start);
+        outputs.extend(word.map(Output::Candidacy));
+    }
+
+    /// Robots whose observations this leader has used of late.
+    fn robots_used(&self, now: Timestamp) -> u16 {
+        let lately = |at: Timestamp| now.seconds_since(at) <= self.config.silent_after_s;
+        self.members.iter().filter(|m| m.used.is_some_and(lately)).count() as u16
+    }
+
+    fn map_heard(&mut self, now: Timestamp, map: &TeamMap, outputs: &mut Vec<Output>) {
+        if map.leader == self.config.leader {
+            return;
+        }
+        self.succession.term_heard(map.term);
+        if self.fence.admits(now, map.leader, map.term) && self.succession.reign().is_none() {
+            self.inherit(now, map, outputs);
+        }
     }
 
     /// The map as of now.
@@ -144,6 +278,13 @@ impl Leader {
             map.explanation = self.in_words(finding);
             map.explanation.truncate(map.explanation.floor_char_boundary(MAX_EXPLANATION_LEN));
         }
+        map.term = self.succession.reign().unwrap_or(map.term);
+        for target in &mut map.targets {
+            let position = nalgebra::Vector2::new(target.position_m[0], target.position_m[1]);
+            target.id = self.names.name(target.id, position, stamp);
+        }
+        map.next_target = self.names.next();
+        map.alarms = self.alarms.recent(now);
         map
     }
 
@@ -156,17 +297,27 @@ impl Leader {
             self.tell(format!("robot {robot} is ignored: a team has at most {MAX_ROBOTS} robots"), outputs);
             return None;
         }
+        self.members.push(Member::new(robot));
+        Some(self.introduce(robot))
+    }
+
+    /// Tells the calibration of a robot, in the order of the members.
+    fn introduce(&mut self, robot: RobotId) -> usize {
         let anchor = self.config.anchor.filter(|a| a.robot == robot).map(|a| a.team_from_body);
         let k = self.calibrator.add_robot(anchor);
         if let Some(fixed) = self.config.fixed.iter().find(|f| f.robot == robot) {
             self.calibrator.fix(k, fixed.team_from_body);
         }
-        self.members.push(Member::new(robot));
-        Some(k)
+        k
     }
 
     fn tell(&mut self, text: String, outputs: &mut Vec<Output>) {
-        if self.told.len() < MAX_NOTICES && self.told.insert(text.clone()) {
+        self.tell_once(text.clone(), text, outputs);
+    }
+
+    /// Tells `text` unless something was told about `subject` before.
+    fn tell_once(&mut self, subject: String, text: String, outputs: &mut Vec<Output>) {
+        if self.told.len() < MAX_NOTICES && self.told.insert(subject) {
             outputs.push(Output::Notice(text));
         }
     }

@@ -7,14 +7,18 @@
 //! health        │    └───────────────┘                   └▶ notices in the log
 //! presence      ┘          ▲ deadline
 //! ```
+//! Any number of leaders stand by, hearing and computing what the first one does; which one leads is the core's to say. Only
+//! that one declares the map's publishers and answers for the team.
+//!
 //! One task does all of it, so nothing is locked. Inputs wait in bounded rings and carry the time of their arrival, stamped
 //! before they waited. Questions (the map, when recordings begin) are answered from the last state.
 
 mod desk;
+mod heartbeat;
 mod inbox;
 mod probes;
 mod replay;
-mod sessions;
+mod state;
 
 use std::future::Future;
 use std::time::Duration;
@@ -28,6 +32,7 @@ use crate::config::Replay;
 use crate::leader::{Input, Leader};
 use desk::Desk;
 use inbox::Inbox;
+pub use state::{StateDir, StateError};
 
 /// A leader that nobody has joined for so long says so, by default.
 pub const NOBODY_AFTER: Duration = Duration::from_secs(10);
@@ -53,6 +58,8 @@ pub struct Setup {
     pub replay: Option<Replay>,
     /// Whether the map is also published as JSON while somebody listens.
     pub json: bool,
+    /// Where what must outlive the program is kept.
+    pub state: Option<StateDir>,
     /// A leader that nobody has joined for so long says so; [`NOBODY_AFTER`] suits people.
     pub nobody_after: Duration,
 }
@@ -114,6 +121,7 @@ impl Service {
     /// The session did not close in time.
     pub async fn run(self, shutdown: impl Future<Output = ()>) -> Result<Summary, TransportError> {
         let Self { transport, nobody_after, mut inbox, mut desk, .. } = self;
+        desk.wake();
         let mut shutdown = std::pin::pin!(shutdown);
         let mut nobody = std::pin::pin!(tokio::time::sleep(nobody_after));
         let mut nobody_waits = true;
@@ -132,9 +140,11 @@ impl Service {
                 Some(sign) = inbox.robots.recv() => desk.robot_sign(sign),
                 Some(sign) = inbox.leaders.recv() => desk.leader_sign(sign),
                 Some(answered) = desk.probes.recv() => desk.probed(answered),
-                Some(asked) = inbox.map_asked.recv() => desk.give_map(asked),
-                Some(asked) = inbox.json_asked.recv() => desk.give_json(asked),
-                Some(asked) = inbox.start_asked.recv() => desk.give_start(asked),
+                Some(word) = inbox.candidacies.recv() => desk.handle(word.arrived, Input::Candidacy(word.message)),
+                Some(map) = inbox.maps.recv() => desk.map_heard(map),
+                Some(asked) = inbox::next(&mut inbox.map_asked) => desk.give_map(asked),
+                Some(asked) = inbox::next(&mut inbox.json_asked) => desk.give_json(asked),
+                Some(asked) = inbox::next(&mut inbox.start_asked) => desk.give_start(asked),
                 () = tokio::time::sleep(patience) => desk.handle(desk.now(), Input::Deadline),
                 _ = listeners.tick() => desk.look_for_listeners().await,
                 () = &mut nobody, if nobody_waits => {
@@ -143,6 +153,10 @@ impl Service {
                 }
             }
             desk.declare_guidance().await;
+            if inbox.answers() != desk.reigns() {
+                inbox.answer(&transport, desk.reigns()).await;
+                desk.publish_or_not().await;
+            }
         }
         let summary = desk.summary(transport.wire_bytes().await);
         drop((inbox, desk));

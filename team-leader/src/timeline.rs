@@ -11,6 +11,9 @@ pub const LATEST_S: f64 = 1.0;
 /// An observation may be stamped this much after the leader's own time (clock errors), seconds.
 pub const EARLIEST_S: f64 = 0.25;
 
+/// So many newer observations in a row with lower numbers: the number before was wrong, or they are counted anew.
+const RENUMBERED: u32 = 10;
+
 /// Why an observation is not used.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Refusal {
@@ -28,6 +31,8 @@ pub struct Timeline {
     epoch: Option<u64>,
     last_sequence: u32,
     last_capture: Option<Timestamp>,
+    /// Newer ones in a row whose number is below the last one's.
+    below: u32,
     /// Observations that never came, by their numbers.
     pub lost: u64,
     /// Refused, by reason: out of order, late, future.
@@ -57,8 +62,13 @@ impl Timeline {
         now: Option<Timestamp>,
     ) -> Result<Admission, Refusal> {
         let new_session = self.epoch != Some(epoch);
-        let refusal = if !new_session && (sequence <= self.last_sequence || self.last_capture.is_some_and(|l| at <= l))
-        {
+        let older = self.last_capture.is_some_and(|last| at <= last);
+        // One wrong number must not shut a robot out for ever.
+        let renumbered = sequence <= self.last_sequence && !older && {
+            self.below += 1;
+            self.below > RENUMBERED
+        };
+        let refusal = if !new_session && !renumbered && (sequence <= self.last_sequence || older) {
             Some(Refusal::OutOfOrder)
         } else if newest.is_some_and(|n| n.seconds_since(at) > LATEST_S) {
             Some(Refusal::Late)
@@ -71,12 +81,18 @@ impl Timeline {
             self.refused[refusal as usize] += 1;
             return Err(refusal);
         }
-        if !new_session {
+        if !new_session && !renumbered {
             self.lost += u64::from(sequence - self.last_sequence - 1);
         }
+        self.below = 0;
         let since_last_s = self.last_capture.filter(|_| !new_session).map(|last| at.seconds_since(last));
         (self.epoch, self.last_sequence, self.last_capture) = (Some(epoch), sequence, Some(at));
         Ok(Admission { at, since_last_s, new_session })
+    }
+
+    /// Observations of the session that never came, or came too late, out of order or from the future.
+    pub fn lost_or_refused(&self) -> u32 {
+        u32::try_from(self.lost + self.refused.iter().sum::<u64>()).unwrap_or(u32::MAX)
     }
 
     /// Capture of the newest admitted observation, leader's clock.
@@ -111,6 +127,15 @@ mod tests {
         assert_eq!(line.admit(1, 0, at(0.0), Some(at(1.5)), None), Err(Refusal::Late));
         assert_eq!(line.admit(1, 0, at(9.0), None, Some(at(1.0))), Err(Refusal::Future));
         assert_eq!(line.refused, [0, 1, 1]);
+    }
+
+    #[test]
+    fn one_wrong_number_does_not_shut_a_robot_out_for_ever() {
+        let mut line = Timeline::default();
+        line.admit(1, 0, at(0.0), None, None).unwrap();
+        line.admit(1, u32::MAX, at(0.1), None, None).unwrap();
+        let admitted = (1..20).filter(|n| line.admit(1, *n, at(0.1 + 0.1 * f64::from(*n)), None, None).is_ok());
+        assert_eq!(admitted.collect::<Vec<_>>(), (11..20).collect::<Vec<_>>());
     }
 
     #[test]

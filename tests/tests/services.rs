@@ -28,11 +28,11 @@ const LIMIT: Duration = Duration::from_secs(30);
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn a_leader_hears_agents_that_came_before_it_and_after_it() {
     let endpoint = free_endpoint();
-    let early = start_agent("r1", 1, "alpha", &endpoint);
+    let early = start_agent("r1", 1, "alpha", &[&endpoint]);
     let leader = start_leader(&endpoint).await;
     let outsider = Transport::open(Options::client([&endpoint])).await.unwrap();
     let mut maps: Subscriber<TeamMap> = outsider.subscribe(Key::map(team())).await.unwrap();
-    let late = start_agent("r2", 1, "beta", &endpoint);
+    let late = start_agent("r2", 1, "beta", &[&endpoint]);
     let map = until(&mut maps, |map| online(map) == ["r1", "r2"]).await;
     assert_eq!(map.leader.as_str(), "l1");
     // The clocks are 15 ms apart, and that has been measured.
@@ -63,7 +63,7 @@ async fn two_robots_of_one_id_are_told_with_the_hosts_of_both() {
     let outsider = Transport::open(Options::client([&endpoint])).await.unwrap();
     let every = Pattern::EveryRobot(team(), RobotTopic::Observation);
     let mut observations: Subscriber<Observation> = outsider.subscribe(every).await.unwrap();
-    let (one, two) = (start_agent("r1", 1, "alpha", &endpoint), start_agent("r1", 2, "beta", &endpoint));
+    let (one, two) = (start_agent("r1", 1, "alpha", &[&endpoint]), start_agent("r1", 2, "beta", &[&endpoint]));
     // Both have been heard again and again.
     let mut heard = [0, 0];
     while heard.iter().any(|n| *n < 5) {
@@ -104,7 +104,7 @@ async fn messages_that_cannot_be_read_are_counted_and_the_leader_goes_on() {
     let outsider = Transport::open(Options::client([&endpoint])).await.unwrap();
     let junk = outsider.publish_text(Key::robot(team(), robot("r9"), RobotTopic::Observation)).await.unwrap();
     let mut maps: Subscriber<TeamMap> = outsider.subscribe(Key::map(team())).await.unwrap();
-    let agent = start_agent("r1", 1, "alpha", &endpoint);
+    let agent = start_agent("r1", 1, "alpha", &[&endpoint]);
     until(&mut maps, |map| online(map) == ["r1"]).await;
     for _ in 0..3 {
         junk.put("not an envelope".to_owned()).unwrap();
@@ -151,19 +151,19 @@ fn walk(folder: &std::path::Path) -> Vec<std::path::PathBuf> {
     std::iter::once(folder.to_owned()).chain(inner).collect()
 }
 
-struct Running<S> {
+pub struct Running<S> {
     task: JoinHandle<S>,
     stop: oneshot::Sender<()>,
 }
 
 impl<S> Running<S> {
-    async fn stop(self) -> S {
+    pub async fn stop(self) -> S {
         self.stop.send(()).unwrap();
         timeout(LIMIT, self.task).await.unwrap().unwrap()
     }
 }
 
-fn start_agent(id: &str, epoch: u64, host: &str, endpoint: &str) -> Running<agents::Summary> {
+pub fn start_agent(id: &str, epoch: u64, host: &str, endpoints: &[impl AsRef<str>]) -> Running<agents::Summary> {
     let marker = Marker::Cylinder { radius_m: 0.2, height_m: [0.1, 0.5], look: None };
     let mut settings = AgentSettings::new(robot(id), marker);
     settings.panorama_columns = Some(240);
@@ -173,8 +173,9 @@ fn start_agent(id: &str, epoch: u64, host: &str, endpoint: &str) -> Running<agen
     let (sender, source) = agents::frame_channel();
     let gray: Vec<u8> = (0..768 * 576).map(|i| if (i / 16 + i / 768 / 16) % 2 == 0 { 60 } else { 180 }).collect();
     let (stop, stopped) = oneshot::channel::<()>();
-    let session = Options::client([endpoint]);
-    let setup = agents::Setup { agent, source, clock, team: team(), session, start: None, stop_at_end: false };
+    let session = Options::client(endpoints.iter().map(AsRef::as_ref));
+    let setup =
+        agents::Setup { agent, source, clock, team: team(), session, journal: None, start: None, stop_at_end: false };
     let task = tokio::spawn(async move {
         let mut frames = tokio::time::interval(Duration::from_millis(100));
         let camera = async {
@@ -205,6 +206,7 @@ async fn start_leader_that_waits(endpoint: &str, nobody_after: Duration) -> Runn
         session: Options::router([endpoint]),
         replay: None,
         json: true,
+        state: None,
         nobody_after,
     };
     let service = leaders::Service::open(setup).await.unwrap();
@@ -230,11 +232,11 @@ fn online(map: &TeamMap) -> Vec<&str> {
 }
 
 /// A port that was free a moment ago.
-fn free_endpoint() -> String {
+pub fn free_endpoint() -> String {
     format!("tcp/{}", TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap())
 }
 
-fn team() -> TeamId {
+pub fn team() -> TeamId {
     TeamId::new("test").unwrap()
 }
 

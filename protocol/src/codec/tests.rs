@@ -23,6 +23,7 @@ macro_rules! for_every_message {
         $check("replay_start", &samples::replay_start());
         $check("team_map", &samples::map());
         $check("guidance", &samples::guidance());
+        $check("candidacy", &samples::candidacy());
     };
 }
 use for_every_message;

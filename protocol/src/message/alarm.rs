@@ -40,6 +40,20 @@ pub enum AlarmKind {
     PersonLeft(TrackId),
 }
 
+impl std::fmt::Display for AlarmKind {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::SceneChanged => f.write_str("the scene changed, nobody knows why"),
+            Self::LightSwitched => f.write_str("the light was switched"),
+            Self::SelfMotion => f.write_str("the robot moves"),
+            Self::SensorFailure(reason) => write!(f, "the camera fails: {reason}"),
+            Self::BackgroundReady => f.write_str("the background is ready"),
+            Self::PersonAppeared(track) => write!(f, "a person appeared (track {track})"),
+            Self::PersonLeft(track) => write!(f, "a person left (track {track})"),
+        }
+    }
+}
+
 /// Most bytes of a reason.
 pub const MAX_REASON_LEN: usize = 128;
 

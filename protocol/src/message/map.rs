@@ -10,12 +10,15 @@ use bincode::{Decode, Encode};
 use crate::codec::{Invalid, Kind, Message, Subject, bounded_decode, check};
 use crate::frames::Pose2;
 use crate::id::{LeaderId, RobotId, TargetId};
+use crate::message::Alarm;
 use crate::time::Timestamp;
 
 /// Most robots in a map.
 pub const MAX_ROBOTS: usize = 256;
 /// Most targets in a map.
 pub const MAX_TARGETS: usize = 1024;
+/// Most alarms in a map.
+pub const MAX_ALARMS: usize = 8;
 
 /// The team at one instant.
 #[derive(Debug, Clone, PartialEq, Encode, Decode)]
@@ -43,6 +46,11 @@ pub struct TeamMap {
     pub joint_covariance: Vec<f32>,
     /// Moving objects (≤ [`MAX_TARGETS`]).
     pub targets: Vec<MapTarget>,
+    /// The first number that no target of this team has had: whoever leads next counts from there.
+    pub next_target: TargetId,
+    /// What robots raised of late (≤ [`MAX_ALARMS`]), oldest first. The same alarm is in many maps: its robot, epoch and
+    /// number tell.
+    pub alarms: Vec<Alarm>,
 }
 
 /// How the mutual calibration stands.
@@ -82,6 +90,10 @@ pub struct MapRobot {
     pub bias_rad: Option<(f32, f32)>,
     /// Whether its errors fit the sigmas that it states.
     pub trust: Trust,
+    /// Why its observations are not used, where they are not.
+    pub trouble: Option<Trouble>,
+    /// Observations of its session that never came, or came too late or out of order.
+    pub observations_lost: u32,
 }
 
 /// What the leader makes of the sigmas that a robot states.
@@ -93,6 +105,19 @@ pub enum Trust {
     Widened(f32),
     /// What it sees contradicts the others; it is used only as far as it cannot do harm.
     SetAside,
+}
+
+/// Why a robot's observations are not used.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Encode, Decode)]
+pub enum Trouble {
+    /// It has not said who it is.
+    NotAnnounced,
+    /// It has not answered a clock probe yet.
+    ClockUnknown,
+    /// Its clock is known too badly: bearings would be of another instant.
+    ClockUncertain,
+    /// Two sessions use its name: neither is used until one goes.
+    TwoSessions,
 }
 
 /// Whether a robot is there.
@@ -143,7 +168,9 @@ impl Message for TeamMap {
         self.robots.iter().try_for_each(MapRobot::validate)?;
         let pose_entries = 3 * self.robots.iter().filter(|robot| robot.team_from_body.is_some()).count();
         check::covariance("joint_covariance", &self.joint_covariance, pose_entries)?;
-        self.targets.iter().try_for_each(|target| target.validate(pose_entries))
+        self.targets.iter().try_for_each(|target| target.validate(pose_entries))?;
+        check::count("alarms", self.alarms.len(), MAX_ALARMS)?;
+        self.alarms.iter().try_for_each(Message::validate)
     }
 
     fn subject(&self) -> Subject {

@@ -190,6 +190,8 @@ pub(crate) fn map() -> TeamMap {
         lag_s: Some((0.06, 0.004)),
         bias_rad: None,
         trust: Trust::Full,
+        trouble: None,
+        observations_lost: 0,
     };
     let mut joint_covariance = vec![0.0; 21];
     for (entry, variance) in [(0, 1e-8), (6, 1e-8), (11, 1e-8), (15, 1e-4), (18, 1e-4), (20, 1e-6)] {
@@ -207,7 +209,7 @@ pub(crate) fn map() -> TeamMap {
         robots: vec![
             on_floor("r1", Some(Pose2::new(0.0, 0.0, 0.0))),
             on_floor("r2", Some(Pose2::new(2.0, 1.0, -1.5))),
-            on_floor("r3", None),
+            MapRobot { trouble: Some(Trouble::ClockUncertain), observations_lost: 7, ..on_floor("r3", None) },
         ],
         joint_covariance,
         targets: vec![MapTarget {
@@ -221,6 +223,8 @@ pub(crate) fn map() -> TeamMap {
             pair: Some((robot("r1"), robot("r2"))),
             age_s: 0.1,
         }],
+        next_target: TargetId(10),
+        alarms: vec![alarm()],
     }
 }
 
@@ -231,6 +235,17 @@ pub(crate) fn guidance() -> Guidance {
         team_from_goal: Pose2::new(1.5, -0.5, 3.0),
         error_here_m: 0.12,
         error_there_m: 0.05,
+    }
+}
+
+pub(crate) fn candidacy() -> Candidacy {
+    Candidacy {
+        leader: LeaderId::new("l1").unwrap(),
+        epoch: 0x0123_4567_89AB_CDEF,
+        term: 2,
+        rules: true,
+        robots: 3,
+        replay_start: Some(NOON),
     }
 }
 

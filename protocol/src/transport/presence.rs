@@ -2,6 +2,7 @@
 
 use std::sync::Arc;
 
+use zenoh::Wait;
 use zenoh::sample::{Sample, SampleKind};
 
 use super::Transport;
@@ -19,6 +20,16 @@ impl Transport {
     /// The session is closed, or refuses.
     pub async fn declare_alive(&self, key: Key) -> Result<AliveToken, TransportError> {
         let token = self.session.liveliness().declare_token(key.to_string()).await;
+        let refused = |error: zenoh::Error| TransportError::Declare { key: key.to_string(), reason: words(&error) };
+        Ok(AliveToken { _token: token.map_err(refused)? })
+    }
+
+    /// The same for a caller without a runtime: a watchdog's thread.
+    ///
+    /// # Errors
+    /// The session is closed, or refuses.
+    pub fn declare_alive_blocking(&self, key: Key) -> Result<AliveToken, TransportError> {
+        let token = self.session.liveliness().declare_token(key.to_string()).wait();
         let refused = |error: zenoh::Error| TransportError::Declare { key: key.to_string(), reason: words(&error) };
         Ok(AliveToken { _token: token.map_err(refused)? })
     }

@@ -100,19 +100,33 @@ impl Transport {
             Ok(Err(_)) => return Err(AskError::NobodyThere(key.to_string())),
             Err(_) => return Err(timed_out()),
         };
+        Ok(Answered { answer: self.read_reply::<Q>(key, reply, limit)?, arrived })
+    }
+
+    /// The answer in a reply, or why there is none.
+    pub(super) fn read_reply<Q: Question>(
+        &self,
+        key: Key,
+        reply: Reply,
+        limit: Duration,
+    ) -> Result<Q::Answer, AskError> {
         match reply.into_result() {
             Ok(sample) => {
                 let payload = sample.payload().to_bytes();
                 let unreadable = |source: DecodeError| AskError::Unreadable { key: key.to_string(), source };
                 let answer = Q::Answer::from_bytes(&payload).map_err(unreadable)?;
                 self.meter.count(key.robot_id(), Q::ANSWER_KIND, Direction::Received, payload.len());
-                Ok(Answered { answer, arrived })
+                Ok(answer)
             }
             Err(refusal) => {
                 let why = refusal.payload().to_bytes();
                 let why: String = String::from_utf8_lossy(&why[..why.len().min(MAX_WHY_LEN)]).into_owned();
                 // Zenoh's own word at the limit.
-                Err(if why == "Timeout" { timed_out() } else { AskError::Refused { key: key.to_string(), why } })
+                Err(if why == "Timeout" {
+                    AskError::TimedOut { key: key.to_string(), limit }
+                } else {
+                    AskError::Refused { key: key.to_string(), why }
+                })
             }
         }
     }

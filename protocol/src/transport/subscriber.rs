@@ -5,7 +5,7 @@ use std::marker::PhantomData;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use zenoh::sample::Sample;
+use zenoh::sample::{Locality, Sample};
 use zenoh_ext::{AdvancedSubscriber, AdvancedSubscriberBuilderExt, HistoryConfig, RecoveryConfig};
 
 use super::Transport;
@@ -31,9 +31,27 @@ impl Transport {
     /// # Errors
     /// The session is closed, or refuses.
     pub async fn subscribe<M: Message>(&self, pattern: impl Into<Pattern>) -> Result<Subscriber<M>, TransportError> {
-        let pattern = pattern.into();
+        self.subscribe_from(pattern.into(), Locality::Any).await
+    }
+
+    /// The same, without what this very session publishes.
+    ///
+    /// # Errors
+    /// The session is closed, or refuses.
+    pub async fn subscribe_others<M: Message>(
+        &self,
+        pattern: impl Into<Pattern>,
+    ) -> Result<Subscriber<M>, TransportError> {
+        self.subscribe_from(pattern.into(), Locality::Remote).await
+    }
+
+    async fn subscribe_from<M: Message>(
+        &self,
+        pattern: Pattern,
+        origin: Locality,
+    ) -> Result<Subscriber<M>, TransportError> {
         let (writer, ring) = Ring::new(qos(M::KIND).ring);
-        let raw = self.declare_subscriber(pattern, M::KIND, writer).await?;
+        let raw = self.declare_subscriber(pattern, origin, M::KIND, writer).await?;
         Ok(Subscriber {
             _raw: raw,
             ring,
@@ -47,6 +65,7 @@ impl Transport {
     async fn declare_subscriber(
         &self,
         pattern: Pattern,
+        origin: Locality,
         kind: Kind,
         writer: Writer<Arrived>,
     ) -> Result<Raw, TransportError> {
@@ -59,7 +78,7 @@ impl Transport {
                 arrive(&sample, kind, clock, &meter, &writer);
             }
         };
-        let builder = self.session.declare_subscriber(pattern.to_string());
+        let builder = self.session.declare_subscriber(pattern.to_string()).allowed_origin(origin);
         let qos = qos(kind);
         if qos.kept == 0 {
             return Ok(Raw::Plain { _subscriber: builder.callback(callback).await.map_err(refused)? });

@@ -8,7 +8,7 @@ use protocol::host_clock::Clock;
 use protocol::transport::{CLOSE_LIMIT, Options};
 use robot_agent::capture::{self, CaptureOptions};
 use robot_agent::config::{AtEnd, ReplayStart};
-use robot_agent::service::{self, LiveSource, Replay, Setup, Start};
+use robot_agent::service::{self, Journal, LiveSource, Replay, Setup, Start};
 
 use super::Failure;
 use super::check::{self, Checked};
@@ -57,7 +57,9 @@ pub(super) fn execute(arguments: &Arguments) -> Result<(), Failure> {
     let mut session = Options { security: config.security, ..Options::client(&config.connect) };
     session.measure = config.metrics.is_some();
     let board = session.board.clone();
+    let journal = config.state_dir.as_ref().map(|dir| Journal::open(dir, config.robot)).transpose();
     let setup = Setup {
+        journal: journal.map_err(Failure::usage)?,
         source,
         agent,
         clock: Clock::system(),

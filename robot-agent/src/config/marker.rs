@@ -123,6 +123,7 @@ mod tests {
 
     fn robot() -> RawRobot {
         RawRobot {
+            state_dir: None,
             id: String::new(),
             team: String::new(),
             camera: "camera.toml".into(),

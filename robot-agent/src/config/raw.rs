@@ -41,6 +41,9 @@ pub struct RawRobot {
     pub marker: Option<Marker>,
     /// The same, in a TOML file of its own (one file for a team of one look).
     pub marker_file: Option<PathBuf>,
+    /// A folder in which alarms outlive the program: raised before a restart and perhaps not heard, they are published again.
+    /// Default: none.
+    pub state_dir: Option<PathBuf>,
     /// Name of the host, for people, at most 64 bytes. Default: the machine's own name.
     pub host: Option<String>,
 }

@@ -12,10 +12,11 @@ use protocol::key::{Key, Topic};
 use protocol::message::{Announcement, ClockProbe, Health};
 use protocol::time::Timestamp;
 use protocol::transport::{AskedReplayStart, Options, Sign, Transport, TransportError};
-use tokio::sync::mpsc;
 
+use super::journal::Journal;
 use super::link::Link;
 use super::mailbox::Mailbox;
+use super::queue::Outputs;
 use super::waiting::{Question, Waiting, answer_picture};
 use super::{Start, Summary};
 use crate::agent::{Agent, Input, Output};
@@ -42,6 +43,7 @@ pub struct Network {
     mailbox: Arc<Mailbox>,
     dropped: Arc<AtomicU64>,
     kept: VecDeque<Output>,
+    journal: Option<Journal>,
     announcement: Option<Announcement>,
     leaders: BTreeSet<LeaderId>,
     notices: Vec<String>,
@@ -70,14 +72,21 @@ impl Network {
             mailbox,
             dropped,
             kept: VecDeque::new(),
+            journal: None,
             announcement: None,
             leaders: BTreeSet::new(),
             notices: Vec::new(),
         }
     }
 
+    /// Keeps alarms over a restart, and publishes first what was raised before this one.
+    pub fn keep_alarms(&mut self, mut journal: Journal) {
+        self.kept.extend(journal.take_before().into_iter().map(Output::Alarm));
+        self.journal = Some(journal);
+    }
+
     /// Joins and works until the agent's outputs end, which they do when its mailbox is closed.
-    pub async fn work(&mut self, mut outputs: mpsc::Receiver<Output>) -> Result<(), TransportError> {
+    pub async fn work(&mut self, mut outputs: Outputs) -> Result<(), TransportError> {
         let Some(session) = self.session.take() else { return Ok(()) };
         let transport = {
             let mut joining = std::pin::pin!(Transport::open(session));
@@ -98,7 +107,10 @@ impl Network {
             log_unsent(link.announcement.put(&announcement));
         }
         for output in std::mem::take(&mut self.kept) {
-            self.send(output, &link, &mut Waiting::default());
+            // In the journal already.
+            if let Output::Alarm(alarm) = output {
+                log_unsent(link.alarm.put(&alarm));
+            }
         }
         let asking_start = start_from_leader(transport.clone(), self.team, self.clock, self.start.clone());
         tokio::select! {
@@ -107,7 +119,7 @@ impl Network {
         }
     }
 
-    async fn serve(&mut self, link: &mut Link, outputs: &mut mpsc::Receiver<Output>) {
+    async fn serve(&mut self, link: &mut Link, outputs: &mut Outputs) {
         let mut waiting = Waiting::default();
         let mut patience = std::pin::pin!(tokio::time::sleep(LEADER_PATIENCE));
         let mut leader_may_come = true;
@@ -136,7 +148,8 @@ impl Network {
     fn keep(&mut self, output: Output) {
         match output {
             Output::Announcement(announcement) => self.announcement = Some(announcement),
-            Output::Alarm(_) => {
+            Output::Alarm(ref alarm) => {
+                self.note(alarm);
                 if self.kept.len() >= MAX_ALARMS_KEPT {
                     self.kept.pop_front();
                     self.dropped.fetch_add(1, Ordering::Relaxed);
@@ -156,7 +169,7 @@ impl Network {
             Output::Announcement(announcement) => log_unsent(link.announcement.put(&announcement)),
             Output::Observation(observation) => log_unsent(link.observation.put(&observation)),
             Output::Alarm(alarm) => {
-                tracing::info!("alarm {}: {:?}", alarm.number, alarm.kind);
+                self.note(&alarm);
                 log_unsent(link.alarm.put(&alarm));
             }
             Output::Health(health) => log_unsent(link.health.put(&self.complete(health))),
@@ -168,6 +181,13 @@ impl Network {
                 }
             }
             Output::Notice(text) => self.tell(text),
+        }
+    }
+
+    fn note(&mut self, alarm: &protocol::message::Alarm) {
+        tracing::info!("alarm {}: {}", alarm.number, alarm.kind);
+        if let Some(journal) = &mut self.journal {
+            journal.keep(alarm);
         }
     }
 

@@ -214,7 +214,7 @@ fn start_with(
     let (stop, stopped) = oneshot::channel();
     let clock = Clock::with_offset_ns(15_000_000);
     let session = Options::client([endpoint]);
-    let setup = Setup { agent, source, clock, team: team(), session, start, stop_at_end };
+    let setup = Setup { agent, source, clock, team: team(), session, journal: None, start, stop_at_end };
     // A dropped sender must not stop the service: only a message does.
     let shutdown = async {
         if stopped.await.is_err() {

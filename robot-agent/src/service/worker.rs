@@ -6,11 +6,11 @@ use std::thread::JoinHandle;
 use std::time::Duration;
 
 use protocol::host_clock::Clock;
-use tokio::sync::mpsc::Sender;
 
 use super::mailbox::{Item, Mailbox};
+use super::queue::Outbox;
 use super::source::{Captured, LiveSource};
-use crate::agent::{Agent, Input, Output, Progress};
+use crate::agent::{Agent, Input, Progress};
 
 /// Longest sleep of an idle agent: its deadlines follow the wall clock, which may be set.
 const LONGEST_IDLE: Duration = Duration::from_millis(500);
@@ -69,27 +69,4 @@ pub fn start_capture(
             }
         }
     })
-}
-
-/// Where the agent's outputs go: a bounded queue to the network side. A network that does not keep up costs messages, never
-/// frames.
-#[derive(Debug, Clone)]
-pub struct Outbox {
-    queue: Sender<Output>,
-    dropped: Arc<std::sync::atomic::AtomicU64>,
-}
-
-impl Outbox {
-    /// An outbox in front of `queue`; messages that do not fit are counted in `dropped`.
-    pub fn new(queue: Sender<Output>, dropped: Arc<std::sync::atomic::AtomicU64>) -> Self {
-        Self { queue, dropped }
-    }
-
-    fn send(&self, out: &mut Vec<Output>) {
-        for output in out.drain(..) {
-            if self.queue.try_send(output).is_err() {
-                self.dropped.fetch_add(1, std::sync::atomic::Ordering::Relaxed);
-            }
-        }
-    }
 }

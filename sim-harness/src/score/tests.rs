@@ -173,10 +173,14 @@ fn map(robots: &[(&str, f64, f64, f64)]) -> TeamMap {
                 lag_s: None,
                 bias_rad: None,
                 trust: Trust::Full,
+                trouble: None,
+                observations_lost: 0,
             })
             .collect(),
         joint_covariance: Vec::new(),
         targets: Vec::new(),
+        next_target: TargetId(1),
+        alarms: Vec::new(),
     }
 }
 

@@ -74,6 +74,7 @@ async fn run_team(
         session: Options { measure: true, ..Options::router(["tcp/127.0.0.1:0"]) },
         replay: None,
         json: false,
+        state: None,
         nobody_after: leader_service::NOBODY_AFTER,
     })
     .await
@@ -83,7 +84,7 @@ async fn run_team(
     let leader = tokio::spawn(leader.run(until(stopped.clone())));
 
     let observer = Transport::open(Options::client(locators.clone())).await.map_err(failed)?;
-    let mut maps = observer.subscribe::<TeamMap>(Key::map(team)).await.map_err(failed)?;
+    let mut maps = observer.subscribe_map(team).await.map_err(failed)?;
     let everybody = Pattern::EveryRobot(team, RobotTopic::Observation);
     let mut observations = observer.subscribe::<Observation>(everybody).await.map_err(failed)?;
 
@@ -151,6 +152,7 @@ fn start_robots(
             clock,
             team,
             session: Options { measure: true, ..Options::client(locators.to_vec()) },
+            journal: None,
             start: None,
             stop_at_end: false,
         };

@@ -332,6 +332,8 @@ impl Team {
                     let envelope = self.leader_envelope(encode(&guidance))?;
                     self.traffic.add("leader", Kind::Guidance, envelope.len());
                 }
+                // Nobody else leads here.
+                leader::Output::Reign(_) | leader::Output::Candidacy(_) | leader::Output::Alarm(_) => {}
                 leader::Output::Notice(text) => self.notices.push(format!("leader: {text}")),
             }
         }

@@ -1,6 +1,7 @@
 //! The calibration as it runs: one call an observation.
 
 mod elsewhere;
+mod remembered;
 mod robots;
 mod stations;
 mod watch;
@@ -14,6 +15,7 @@ use protocol::time::Timestamp;
 
 use super::block::Block;
 use super::convoy::Convoy;
+use super::rover::Rover;
 use super::slot::Sighted;
 use crate::leader::config::CalibrationConfig;
 use robots::Robot;
@@ -51,6 +53,8 @@ pub struct Calibrator {
     last_check: Option<Timestamp>,
     last_solve: Option<Timestamp>,
     changes: Changes,
+    /// Robots placed elsewhere than remembered.
+    moved: Vec<usize>,
     fit: Fit,
     /// What is wrong, and what of it nobody has been told yet.
     findings: Vec<Finding>,
@@ -109,6 +113,7 @@ impl Calibrator {
             last_check: None,
             last_solve: None,
             changes: Changes::default(),
+            moved: Vec::new(),
             fit: Fit { dof: 0, usual: 0.0, utmost: 0.0 },
             findings: Vec::new(),
             new_findings: Vec::new(),
@@ -160,7 +165,7 @@ impl Calibrator {
 
     /// Pose of a robot at `at`, where known.
     pub fn pose(&self, robot: usize, at: Timestamp) -> Option<Pose2> {
-        let placed = self.block.pose(robot).or_else(|| Some(self.robots.get(robot)?.rover.as_ref()?.pose_at(at)));
+        let placed = self.block.pose(robot).or_else(|| Some(self.rover(robot)?.pose_at(at)));
         placed.or_else(|| self.convoy.pose(robot, at).filter(|_| self.is_convoy()))
     }
 
@@ -203,7 +208,7 @@ impl Calibrator {
     pub fn rovers(&self, at: Timestamp) -> impl Iterator<Item = (usize, Pose2, Matrix3<f64>)> + '_ {
         let rovers = self.robots.iter().enumerate();
         rovers.filter_map(move |(r, robot)| {
-            let rover = robot.rover.as_ref()?;
+            let rover = robot.rover.as_ref().filter(|_| !robot.is_doubted())?;
             Some((r, rover.pose_at(at), rover.covariance(&self.block)))
         })
     }
@@ -223,7 +228,7 @@ impl Calibrator {
                 sum += dm * self.block.covariance(m, n).unwrap_or_default() * dn.transpose();
             }
         }
-        let own = self.robots.get(a).and_then(|r| r.rover.as_ref()).filter(|_| a == b);
+        let own = self.rover(a).filter(|_| a == b);
         scale * sum + own.map_or_else(Matrix3::zeros, |r| r.own_covariance())
     }
 
@@ -259,7 +264,12 @@ impl Calibrator {
 
     fn is_placed(&self, robot: usize) -> bool {
         let convoy = self.is_convoy() && self.convoy.contains(robot);
-        self.block.contains(robot) || self.robots[robot].rover.is_some() || convoy
+        self.block.contains(robot) || self.rover(robot).is_some() || convoy
+    }
+
+    /// A robot that is followed by itself, and whose place may be shown.
+    fn rover(&self, robot: usize) -> Option<&Rover> {
+        self.robots.get(robot).filter(|r| !r.is_doubted())?.rover.as_ref()
     }
 
     /// Measurements that contradict each other more than chance allows make everything less certain.
@@ -272,7 +282,6 @@ impl Calibrator {
         if self.block.contains(robot) {
             return vec![(robot, Matrix3::identity())];
         }
-        let rover = self.robots.get(robot).and_then(|r| r.rover.as_ref());
-        rover.map(|r| r.dependence().collect()).unwrap_or_default()
+        self.rover(robot).map(|r| r.dependence().collect()).unwrap_or_default()
     }
 }

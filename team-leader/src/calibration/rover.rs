@@ -65,6 +65,17 @@ impl Rover {
         }
     }
 
+    /// A robot that is remembered to stand at `pose`.
+    pub fn standing_at(pose: Pose2, covariance: &Matrix3<f64>, at: Timestamp, speeds: [f64; 2]) -> Self {
+        let mut cov = Matrix6::zeros();
+        cov.fixed_view_mut::<3, 3>(0, 0).copy_from(covariance);
+        for k in 3..6 {
+            cov[(k, k)] = 1e-12;
+        }
+        let mean = Vector6::new(pose.x_m, pose.y_m, pose.heading_rad, 0.0, 0.0, 0.0);
+        Self { mean, cov, dependence: Vec::new(), at, speeds }
+    }
+
     /// Pose at `at`, from the state's time.
     pub fn pose_at(&self, at: Timestamp) -> Pose2 {
         let dt = at.seconds_since(self.at).clamp(-LONGEST_STEP_S, LONGEST_STEP_S);

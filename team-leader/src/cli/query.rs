@@ -114,7 +114,8 @@ async fn ask(team: TeamId, options: Options, what: &What) -> Result<(), QueryErr
 async fn answer(transport: &Transport, team: TeamId, what: &What) -> Result<(), QueryError> {
     match what {
         What::Map => {
-            let map = transport.ask(Key::map_json(team), &AskedMapJson, ANSWER_LIMIT).await?.answer;
+            let map =
+                transport.ask_ruler(Key::map_json(team), &AskedMapJson, ANSWER_LIMIT, |map| term_of(map)).await?.answer;
             print(&map);
         }
         What::Picture { robot, kind, out } => {
@@ -131,6 +132,11 @@ async fn answer(transport: &Transport, team: TeamId, what: &What) -> Result<(), 
         }
     }
     Ok(())
+}
+
+/// The term in a map as JSON.
+fn term_of(map: &str) -> u64 {
+    serde_json::from_str::<serde_json::Value>(map).ok().and_then(|map| map["term"].as_u64()).unwrap_or(0)
 }
 
 fn write(path: &Path, bytes: &[u8]) -> Result<(), QueryError> {

@@ -11,7 +11,7 @@ use protocol::transport::{CLOSE_LIMIT, Options, TransportError};
 use super::solve::Format;
 use crate::config::Config;
 use crate::leader::Leader;
-use crate::service::{NOBODY_AFTER, Service, Setup, Summary};
+use crate::service::{NOBODY_AFTER, Service, Setup, StateDir, Summary};
 
 /// Time from the signal to the end of the process, whatever hangs.
 const STOP_LIMIT: Duration = Duration::from_secs(5);
@@ -40,7 +40,11 @@ pub fn run(args: &RunArgs) -> u8 {
         Ok(runtime) => runtime,
         Err(error) => return super::failure(&error, Format::Text),
     };
-    let led = runtime.block_on(lead(config));
+    let state = match config.state_dir.as_ref().map(|dir| StateDir::open(dir, config.team)).transpose() {
+        Ok(state) => state,
+        Err(error) => return super::usage_error(&error, Format::Text),
+    };
+    let led = runtime.block_on(lead(config, state));
     // A task that hangs must not keep the process.
     runtime.shutdown_timeout(CLOSE_LIMIT);
     match led {
@@ -60,12 +64,14 @@ pub fn run(args: &RunArgs) -> u8 {
     }
 }
 
-async fn lead(config: Config) -> Result<Summary, TransportError> {
+async fn lead(mut config: Config, state: Option<StateDir>) -> Result<Summary, TransportError> {
     let mut session = Options::router(config.listen);
     session.connect = config.connect;
     session.security = config.security;
     session.measure = config.metrics.is_some();
     let (board, metrics) = (session.board.clone(), config.metrics);
+    // Tells this session from others that use the same name.
+    config.core.epoch = Clock::system().now().0;
     let service = Service::open(Setup {
         leader: Leader::new(config.core),
         id: config.id,
@@ -74,6 +80,7 @@ async fn lead(config: Config) -> Result<Summary, TransportError> {
         session,
         replay: config.replay,
         json: config.json,
+        state,
         nobody_after: NOBODY_AFTER,
     })
     .await?;

@@ -1,5 +1,7 @@
 //! The leader's configuration as it stands in the file. Every key with its unit, its default and what it does.
 
+use std::path::PathBuf;
+
 use protocol::board::metrics::RawMetrics;
 use protocol::security::RawSecurity;
 use serde::Deserialize;
@@ -39,9 +41,12 @@ pub struct RawLeader {
     pub id: String,
     /// The team's name, `[a-z0-9_-]{1,16}`: the leader hears the robots of this team only. Required.
     pub team: String,
-    /// Receivers drop maps of a lower term: a leader that takes over from another needs a higher one. Default 1.
+    /// The first term of a team that has none; whoever takes over takes the next one by itself. Default 1.
     #[serde(default = "one")]
     pub term: u64,
+    /// A folder in which places, gauge, numbers of targets, term and the record of alarms outlive the program. Default: none,
+    /// a restarted leader begins anew. Counts from the folder of the file.
+    pub state_dir: Option<PathBuf>,
     /// A robot that is alive but has sent no observation for so long is shown as silent, seconds. Default 1.0.
     #[serde(default = "one_second")]
     pub silent_after_s: f64,

@@ -5,10 +5,12 @@ use protocol::frames::Pose2;
 use protocol::id::RobotId;
 use protocol::message::observation::FeaturePart;
 use protocol::message::{
-    Announcement, ClockProbe, ClockReply, Motion, Observation, Odometry, PeerSighting, Stages, TrackState,
+    Alarm, Announcement, ClockProbe, ClockReply, Motion, Observation, Odometry, PeerSighting, Stages, TrackState,
+    Trouble,
 };
 use protocol::time::Timestamp;
 
+use super::sessions::Verdict;
 use super::{Leader, Output};
 use crate::calibration::closed_form::cylinder_range_m;
 use crate::calibration::kernel;
@@ -21,12 +23,20 @@ use crate::timeline::Refusal;
 
 /// Sightings less sure than this are not used.
 const LEAST_CONFIDENCE: f64 = 0.3;
+/// An observation that took so much longer or shorter than usual asks for a clock probe, seconds; how fast the usual delay is
+/// learned, a part an observation.
+const CLOCK_JUMP_S: f64 = 0.05;
+const DELAY_MEMORY: f64 = 0.2;
 /// Ranges of robots that are used, metres.
 const RANGE_M: [f64; 2] = [kernel::LEAST_RANGE_M, 60.0];
 
 impl Leader {
-    pub(super) fn announced(&mut self, announcement: Announcement, outputs: &mut Vec<Output>) {
+    pub(super) fn announced(&mut self, now: Timestamp, announcement: Announcement, outputs: &mut Vec<Output>) {
         let robot = announcement.robot;
+        let verdict = self.sessions.announced(now, &announcement);
+        if !self.is_used(robot, verdict, outputs) {
+            return;
+        }
         let camera = &announcement.camera;
         if !(camera.height_m > 0.0 && camera.height_m <= 10.0 && camera.tilt_sigma_rad >= 0.0) {
             let text = format!(
@@ -36,6 +46,7 @@ impl Leader {
             return self.tell(text, outputs);
         }
         let Some(k) = self.member(robot, outputs) else { return };
+        self.calibrator.is_back(k);
         self.members[k].announced = Some((announcement.epoch, announcement.marker, announcement.camera));
     }
 
@@ -50,6 +61,10 @@ impl Leader {
         let Some(k) = self.member(robot, outputs) else { return false };
         self.members[k].heard = Some(now);
         self.members[k].alive = true;
+        let verdict = self.sessions.heard(now, robot, observation.epoch);
+        if !self.is_used(robot, verdict, outputs) {
+            return false;
+        }
         let trusted = self.config.clock.trusted;
         let member = &self.members[k];
         let camera = member
@@ -57,21 +72,38 @@ impl Leader {
             .as_ref()
             .map(|(_, _, camera)| CameraFacts { height_m: camera.height_m, tilt_sigma_rad: camera.tilt_sigma_rad });
         let Some(camera) = camera else {
+            self.members[k].trouble = Some(Trouble::NotAnnounced);
             self.tell(format!("robot {robot} sends observations but has not announced itself yet: they wait"), outputs);
             return false;
         };
+        let limit_s = self.config.clock.max_uncertainty_s;
         // A new session has a new clock until a probe says otherwise.
         let known_clock = member.clock.filter(|_| member.clock_epoch == Some(observation.epoch));
         let (at, at_sigma_s) = match (trusted, known_clock) {
             (true, _) => (observation.capture, 0.0),
+            (false, Some(clock)) if clock.half_width_s(now) > limit_s => {
+                let known_ms = 1e3 * clock.half_width_s(now);
+                self.members[k].trouble = Some(Trouble::ClockUncertain);
+                let limit_ms = 1e3 * limit_s;
+                let text = format!(
+                    "robot {robot} is not used: its clock is known to ± {known_ms:.0} ms only, and ± {limit_ms:.0} ms is the limit; is the network slow one way?"
+                );
+                // The figure is that of the first time: later ones would be told again and again.
+                self.tell_once(format!("clock of {robot}"), text, outputs);
+                return false;
+            }
             (false, Some(clock)) => (clock.leader_time(observation.capture), clock.sigma_s(now)),
-            (false, None) => return false,
+            (false, None) => {
+                self.members[k].trouble = Some(Trouble::ClockUnknown);
+                return false;
+            }
         };
         let clock = (!trusted).then_some(now);
         let admission =
             match self.members[k].timeline.admit(observation.epoch, observation.sequence, at, self.newest, clock) {
                 Ok(admission) => admission,
                 Err(refusal) => {
+                    self.members[k].doubt_clock(now, &self.config.clock);
                     let why = match refusal {
                         Refusal::OutOfOrder => "came twice or after a newer one",
                         Refusal::Late => "came too late",
@@ -81,6 +113,16 @@ impl Leader {
                     return false;
                 }
             };
+        let member = &mut self.members[k];
+        (member.used, member.trouble) = (Some(now), None);
+        if !trusted {
+            let delay_s = now.seconds_since(at);
+            let usual_s = *member.usual_delay_s.get_or_insert(delay_s);
+            if (delay_s - usual_s).abs() > CLOCK_JUMP_S {
+                member.doubt_clock(now, &self.config.clock);
+            }
+            member.usual_delay_s = Some(usual_s + DELAY_MEMORY * (delay_s - usual_s));
+        }
         self.newest = Some(self.newest.map_or(at, |n| n.max(at)));
         if admission.new_session {
             self.follower.forget_tracks(k);
@@ -121,6 +163,10 @@ impl Leader {
         reply: &ClockReply,
         outputs: &mut Vec<Output>,
     ) {
+        let verdict = self.sessions.heard(now, robot, reply.epoch);
+        if !self.is_used(robot, verdict, outputs) {
+            return;
+        }
         let Some(k) = self.member(robot, outputs) else { return };
         let max_drift = self.config.clock.max_drift;
         let member = &mut self.members[k];
@@ -137,6 +183,30 @@ impl Leader {
         };
         if !usable {
             self.tell(format!("clock replies of robot {robot} contradict themselves: ignored"), outputs);
+        }
+    }
+
+    /// An alarm of a robot; any session's, also one that has ended.
+    pub(super) fn alarmed(&mut self, now: Timestamp, alarm: Alarm, outputs: &mut Vec<Output>) {
+        if self.alarms.take(now, &alarm) {
+            outputs.push(Output::Alarm(alarm));
+        }
+    }
+
+    /// Whether a message is used; if not, why is told.
+    pub(super) fn is_used(&mut self, robot: RobotId, verdict: Verdict, outputs: &mut Vec<Output>) -> bool {
+        match verdict {
+            Verdict::Use => true,
+            Verdict::Drop { notice } => {
+                let in_conflict = self.sessions.in_conflict(robot);
+                if let Some(member) = self.members.iter_mut().find(|m| m.id == robot).filter(|_| in_conflict) {
+                    member.trouble = Some(Trouble::TwoSessions);
+                }
+                if let Some(notice) = notice {
+                    self.tell(notice, outputs);
+                }
+                false
+            }
         }
     }
 

@@ -2,7 +2,7 @@
 
 use protocol::id::RobotId;
 use protocol::marker::Marker;
-use protocol::message::{CameraSummary, Presence, Trust};
+use protocol::message::{CameraSummary, Presence, Trouble, Trust};
 use protocol::time::Timestamp;
 
 use super::config::ClockConfig;
@@ -34,6 +34,12 @@ pub struct Member {
     pub heard: Option<Timestamp>,
     /// Whether people know of its lag, its bias, its too small sigmas.
     pub told_shared: [bool; 3],
+    /// When its last observation was used, leader's clock.
+    pub used: Option<Timestamp>,
+    /// Why its last observation was not used.
+    pub trouble: Option<Trouble>,
+    /// How long its observations take, of late, seconds: a jump means that its clock was set.
+    pub usual_delay_s: Option<f64>,
 }
 
 impl Member {
@@ -50,6 +56,9 @@ impl Member {
             clock_epoch: None,
             heard: None,
             told_shared: [false; 3],
+            used: None,
+            trouble: None,
+            usual_delay_s: None,
         }
     }
 
@@ -61,6 +70,13 @@ impl Member {
         let quick = self.probes < config.first_probes || self.clock.is_none();
         let interval_s = if quick { config.first_probe_interval_s } else { config.probe_interval_s };
         Some(self.last_probe.map_or(Timestamp::default(), |t| t.offset_by_secs(interval_s)))
+    }
+
+    /// Its clock may have been set: ask at once, but not more often than at first.
+    pub fn doubt_clock(&mut self, now: Timestamp, config: &ClockConfig) {
+        if self.last_probe.is_some_and(|last| now.seconds_since(last) >= config.first_probe_interval_s) {
+            self.probes = self.probes.min(config.first_probes.saturating_sub(2));
+        }
     }
 
     /// What the map says of it.
@@ -78,6 +94,8 @@ impl Member {
             last_capture: self.timeline.last_capture(),
             shared: Shared::default(),
             trust: Trust::Full,
+            trouble: self.trouble,
+            observations_lost: self.timeline.lost_or_refused(),
         }
     }
 

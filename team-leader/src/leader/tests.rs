@@ -3,7 +3,8 @@
 mod bad_input;
 mod guidance;
 mod score;
-mod world;
+mod succession;
+pub(super) mod world;
 
 use score::Score;
 use world::{Settings, World};

@@ -62,6 +62,8 @@ fn map() -> TeamMap {
         robots: Vec::new(),
         joint_covariance: Vec::new(),
         targets: Vec::new(),
+        next_target: TargetId(1),
+        alarms: Vec::new(),
     }
 }
 

@@ -1,27 +1,30 @@
 //! What happens to each thing that comes in, and where each output goes.
 
 use std::collections::{BTreeMap, BTreeSet};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use protocol::host_clock::Clock;
 use protocol::id::{LeaderId, RobotId, TeamId};
 use protocol::key::{Key, Topic};
 use protocol::latency::Latencies;
 use protocol::message::map::MAX_ROBOTS;
-use protocol::message::{Alarm, Announcement, ClockReply, Guidance, Health, Observation, TeamMap};
+use protocol::message::{Alarm, Announcement, Candidacy, ClockReply, Guidance, Health, Observation, TeamMap};
 use protocol::time::Timestamp;
 use protocol::transport::{
-    AliveToken, Answered, Asked, AskedMap, AskedMapJson, AskedReplayStart, Publisher, Received, Sign, TextPublisher,
-    Transport, TransportError, WireBytes,
+    Answered, Asked, AskedMap, AskedMapJson, AskedReplayStart, Publisher, Received, Sign, TextPublisher, Transport,
+    TransportError, WireBytes,
 };
 
+use super::heartbeat::Heartbeat;
 use super::probes::Probes;
 use super::replay::CommonStart;
-use super::sessions::{Sessions, Verdict};
+use super::state::Keeper;
 use super::{LONGEST_IDLE, Setup, Summary};
-use crate::leader::{Input, Leader, Output};
+use crate::leader::{Input, Leader, Output, THAW_AFTER};
 use crate::team_map::json::MapJson;
 
+/// What a leader answers that has been followed by another and not noticed yet.
+const STOOD_STILL: &str = "this leader stood still and does not lead any more; ask again";
 /// Most notices that are kept for the summary; all are logged.
 const MAX_NOTICES: usize = 256;
 
@@ -36,13 +39,18 @@ pub struct Desk {
     somebody_reads_json: bool,
     locators: Vec<String>,
     transport: Transport,
-    _alive: AliveToken,
-    map: Publisher<TeamMap>,
-    json: TextPublisher,
+    heartbeat: Heartbeat,
+    /// When it was last at work.
+    worked: Instant,
+    candidacy: Publisher<Candidacy>,
+    /// While it leads.
+    map: Option<Publisher<TeamMap>>,
+    json: Option<TextPublisher>,
+    reigns: bool,
+    keeper: Option<Keeper>,
     guidance: BTreeMap<RobotId, Publisher<Guidance>>,
     /// Guidance for robots that have no publisher yet; the last of each robot.
     undelivered: BTreeMap<RobotId, Guidance>,
-    sessions: Sessions,
     /// Robots whose token is there.
     present: BTreeSet<RobotId>,
     /// Robots that have ever said anything.
@@ -59,12 +67,23 @@ pub struct Desk {
 impl Desk {
     /// Declares what the leader publishes.
     pub async fn declare(transport: &Transport, setup: Setup, locators: Vec<String>) -> Result<Self, TransportError> {
-        let Setup { leader, id, team, clock, json, replay, .. } = setup;
+        let Setup { mut leader, id, team, clock, json, replay, state, .. } = setup;
+        let (keeper, notices) = match state {
+            Some(state) => {
+                let (keeper, notices) = Keeper::start(state, clock.now(), &mut leader);
+                (Some(keeper), notices)
+            }
+            None => (None, Vec::new()),
+        };
         Ok(Self {
-            map: transport.publish(Key::map(team)).await?,
-            json: transport.publish_text(Key::map_json(team)).await?,
+            candidacy: transport.publish(Key::candidacy(team, id)).await?,
+            map: None,
+            json: None,
+            reigns: false,
+            keeper,
+            worked: Instant::now(),
             // Last: who sees it finds the rest.
-            _alive: transport.declare_alive(Key::leader_alive(team, id)).await?,
+            heartbeat: Heartbeat::start(transport.clone(), Key::leader_alive(team, id))?,
             probes: Probes::new(transport.clone(), team, clock),
             transport: transport.clone(),
             leader,
@@ -76,7 +95,6 @@ impl Desk {
             locators,
             guidance: BTreeMap::new(),
             undelivered: BTreeMap::new(),
-            sessions: Sessions::default(),
             present: BTreeSet::new(),
             known: BTreeSet::new(),
             start: CommonStart::new(replay),
@@ -84,8 +102,35 @@ impl Desk {
             latencies: Latencies::default(),
             observations: 0,
             maps: 0,
-            notices: Vec::new(),
+            notices,
         })
+    }
+
+    /// Work begins now, however long ago everything was declared.
+    pub fn wake(&mut self) {
+        self.worked = Instant::now();
+        self.handle(self.now(), Input::Deadline);
+    }
+
+    /// Whether this leader leads.
+    pub fn reigns(&self) -> bool {
+        self.reigns
+    }
+
+    /// Declares what only the leader that leads publishes, or takes it back: with it goes what was kept for late joiners.
+    pub async fn publish_or_not(&mut self) {
+        (self.map, self.json) = (None, None);
+        if !self.reigns {
+            return;
+        }
+        let (map, json) = (Key::map(self.team), Key::map_json(self.team));
+        match (self.transport.publish(map).await, self.transport.publish_text(json).await) {
+            (Ok(map), Ok(json)) => (self.map, self.json) = (Some(map), Some(json)),
+            (Err(error), _) | (_, Err(error)) => tracing::error!("the map cannot be published: {error}"),
+        }
+        if let (Some(publisher), Some(map)) = (&self.map, &self.last_map) {
+            log_unsent(publisher.put(map));
+        }
     }
 
     /// Leader's clock.
@@ -99,24 +144,16 @@ impl Desk {
     }
 
     pub fn announced(&mut self, got: Received<Announcement>) {
-        let verdict = self.sessions.announced(&got.message);
-        if !self.heard(verdict) {
-            return;
-        }
         let (robot, host, version) = (got.message.robot, &got.message.host, &got.message.version);
         if self.known.len() < MAX_ROBOTS && self.known.insert(robot) {
             tracing::info!("robot {robot} has joined: host {host}, robot-agent {version}");
         }
         self.handle(got.arrived, Input::Announcement(got.message));
-        self.start.joined(self.present.intersection(&self.known).count(), self.clock.now());
+        self.maybe_start();
     }
 
     pub fn observed(&mut self, got: Received<Observation>) {
         let Some(robot) = got.key.robot_id() else { return };
-        let verdict = self.sessions.heard(robot, got.message.epoch);
-        if !self.heard(verdict) {
-            return;
-        }
         self.observations += 1;
         let before = self.maps;
         self.handle(got.arrived, Input::Observation(robot, got.message));
@@ -126,26 +163,23 @@ impl Desk {
     }
 
     pub fn alarmed(&mut self, got: Received<Alarm>) {
-        let verdict = self.sessions.heard(got.message.robot, got.message.epoch);
-        if self.heard(verdict) {
-            tracing::info!("robot {}: alarm {}: {:?}", got.message.robot, got.message.number, got.message.kind);
-            self.handle(got.arrived, Input::Alarm(got.message));
-        }
+        self.handle(got.arrived, Input::Alarm(got.message));
     }
 
     pub fn health(&mut self, got: Received<Health>) {
-        let verdict = self.sessions.heard(got.message.robot, got.message.epoch);
-        if self.heard(verdict) {
-            self.transport.board().health(&got.message);
-            self.handle(got.arrived, Input::Health(got.message));
-        }
+        self.transport.board().health(&got.message);
+        self.handle(got.arrived, Input::Health(got.message));
     }
 
     pub fn probed(&mut self, (robot, answered): (RobotId, Answered<ClockReply>)) {
-        let verdict = self.sessions.heard(robot, answered.answer.epoch);
-        if self.heard(verdict) {
-            self.handle(answered.arrived, Input::ClockReply(robot, answered.answer));
+        self.handle(answered.arrived, Input::ClockReply(robot, answered.answer));
+    }
+
+    pub fn map_heard(&mut self, got: Received<TeamMap>) {
+        if !self.reigns {
+            self.keep(&got.message);
         }
+        self.handle(got.arrived, Input::Map(got.message));
     }
 
     pub fn robot_sign(&mut self, sign: Sign) {
@@ -155,7 +189,7 @@ impl Desk {
                 self.present.insert(robot);
             }
             self.handle(self.clock.now(), Input::RobotAlive(robot));
-            self.start.joined(self.present.intersection(&self.known).count(), self.clock.now());
+            self.maybe_start();
         } else {
             self.present.remove(&robot);
             tracing::warn!("robot {robot} has gone");
@@ -166,17 +200,28 @@ impl Desk {
     pub fn leader_sign(&mut self, sign: Sign) {
         let Topic::LeaderAlive(other) = sign.key.topic else { return };
         if other != self.id {
-            let what = if sign.alive { "also leads" } else { "does not lead any more:" };
-            tracing::warn!("leader {other} {what} team {}; this is leader {}", self.team, self.id);
+            tracing::info!("leader {other} of team {} {}", self.team, if sign.alive { "is there" } else { "has gone" });
+            let input = if sign.alive { Input::LeaderAlive(other) } else { Input::LeaderGone(other) };
+            self.handle(self.now(), input);
         }
     }
 
-    /// Gives the leader an input and sends what it says.
+    /// Gives the leader an input and sends what it says. A leader that stood still says so to its core first: by now another
+    /// one leads.
     pub fn handle(&mut self, now: Timestamp, input: Input) {
         let mut outputs = Vec::new();
+        if self.stood_still() {
+            tracing::warn!("leader {} stood still for {:.1} s", self.id, self.worked.elapsed().as_secs_f64());
+            self.leader.handle(self.clock.now(), Input::Thawed, &mut outputs);
+        }
         self.leader.handle(now, input, &mut outputs);
+        self.worked = Instant::now();
+        self.heartbeat.beat();
         for output in outputs {
             match output {
+                Output::Reign(term) => self.reign(term),
+                Output::Candidacy(word) => log_unsent(self.candidacy.put(&word)),
+                Output::Alarm(alarm) => self.record(&alarm),
                 Output::Map(map) => self.publish(map),
                 Output::ClockProbe(robot, probe) => self.probes.ask(robot, probe),
                 Output::Guidance(guidance) => self.guide(guidance),
@@ -185,17 +230,64 @@ impl Desk {
         }
     }
 
+    fn stood_still(&self) -> bool {
+        self.worked.elapsed() > THAW_AFTER
+    }
+
+    fn reign(&mut self, term: Option<u64>) {
+        self.reigns = term.is_some();
+        match term {
+            Some(term) => tracing::info!("leader {} leads team {} in term {term}", self.id, self.team),
+            None => {
+                // At once: what is put between here and the next declaration would be another leader's to say.
+                (self.map, self.json, self.last_map) = (None, None, None);
+                tracing::warn!("leader {} stands by: another one leads team {}", self.id, self.team);
+            }
+        }
+        self.maybe_start();
+    }
+
     fn publish(&mut self, map: TeamMap) {
         self.maps += 1;
-        log_unsent(self.map.put(&map));
-        if self.somebody_reads_json {
+        if let Some(publisher) = &self.map {
+            log_unsent(publisher.put(&map));
+        }
+        if let Some(json) = self.json.as_ref().filter(|_| self.somebody_reads_json) {
             match as_json(&map) {
-                Ok(json) => log_unsent(self.json.put(json)),
+                Ok(text) => log_unsent(json.put(text)),
                 Err(why) => tracing::error!("{why}"),
             }
         }
         self.transport.board().map(&map);
+        self.keep(&map);
         self.last_map = Some(map);
+    }
+
+    /// Saves the map now and then.
+    fn keep(&mut self, map: &TeamMap) {
+        if let Some(keeper) = &mut self.keeper {
+            keeper.keep(map, self.leader.highest_term());
+        }
+    }
+
+    fn record(&mut self, alarm: &Alarm) {
+        tracing::info!("robot {}: alarm {}: {}", alarm.robot, alarm.number, alarm.kind);
+        if let Some(keeper) = &mut self.keeper {
+            keeper.record(alarm);
+        }
+    }
+
+    /// Gives the common start when it is time, if it is this leader's to give; one that another leader gave stands.
+    fn maybe_start(&mut self) {
+        if let Some(start) = self.leader.replay_start() {
+            self.start.adopt(start);
+        }
+        if self.reigns {
+            self.start.joined(self.present.intersection(&self.known).count(), self.clock.now());
+        }
+        if let Some(start) = self.start.start() {
+            self.leader.give_replay_start(start);
+        }
     }
 
     fn guide(&mut self, guidance: Guidance) {
@@ -223,11 +315,15 @@ impl Desk {
 
     /// Whether anybody listens to the map as JSON: it is not even written if not.
     pub async fn look_for_listeners(&mut self) {
-        self.somebody_reads_json = self.publish_json && self.json.has_listeners().await;
+        self.somebody_reads_json = match &self.json {
+            Some(json) if self.publish_json => json.has_listeners().await,
+            _ => false,
+        };
     }
 
     pub fn give_map(&self, asked: Asked<AskedMap>) {
         log_unsent(match &self.last_map {
+            _ if self.stood_still() => asked.refuse(STOOD_STILL),
             Some(map) => asked.reply(map),
             None => asked.refuse(&self.no_map()),
         });
@@ -235,6 +331,7 @@ impl Desk {
 
     pub fn give_json(&self, asked: Asked<AskedMapJson>) {
         log_unsent(match self.last_map.as_ref().map(as_json) {
+            _ if self.stood_still() => asked.refuse(STOOD_STILL),
             Some(Ok(json)) => asked.reply(&json),
             Some(Err(why)) => asked.refuse(&why),
             None => asked.refuse(&self.no_map()),
@@ -265,17 +362,6 @@ impl Desk {
             self.tell(format!(
                 "no robot has joined yet: agents of team {team} ([robot] team) connect to {here} ([network] connect)"
             ));
-        }
-    }
-
-    /// Whether to hear it; two robots of one id are told of here.
-    fn heard(&mut self, verdict: Verdict) -> bool {
-        match verdict {
-            Verdict::Current => true,
-            Verdict::Superseded { notice } => {
-                notice.into_iter().for_each(|notice| self.tell(notice));
-                false
-            }
         }
     }
 

@@ -31,6 +31,18 @@ impl CommonStart {
         }
     }
 
+    /// Another leader gave this start.
+    pub fn adopt(&mut self, start: Timestamp) {
+        if self.rule.is_some() {
+            self.start = self.start.or(Some(start));
+        }
+    }
+
+    /// The start, once it is known.
+    pub fn start(&self) -> Option<Timestamp> {
+        self.start
+    }
+
     /// The answer to a robot that asks.
     pub fn answer(&self, probe: ClockProbe, received: Timestamp, now: Timestamp) -> ReplayStart {
         ReplayStart { probe_sent: probe.sent, received, replied: now, start: self.start }

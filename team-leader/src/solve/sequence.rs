@@ -344,5 +344,6 @@ fn empty_map(time_s: f64) -> MapJson {
         oldest_contribution_s: 0.0,
         robots: Vec::new(),
         targets: Vec::new(),
+        alarms: Vec::new(),
     }
 }

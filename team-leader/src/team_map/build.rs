@@ -1,8 +1,8 @@
 //! The map message from calibration and targets.
 
 use nalgebra::{Matrix2x3, Matrix3, Vector2};
-use protocol::id::RobotId;
-use protocol::message::{MapRobot, MapStatus, MapTarget, Presence, TeamMap, Trust};
+use protocol::id::{RobotId, TargetId};
+use protocol::message::{MapRobot, MapStatus, MapTarget, Presence, TeamMap, Trouble, Trust};
 use protocol::time::Timestamp;
 
 use crate::calibration::live::Calibrator;
@@ -28,6 +28,10 @@ pub struct RobotFacts {
     pub shared: Shared,
     /// Whether its sigmas are believed.
     pub trust: Trust,
+    /// Why it is not used, where it is not.
+    pub trouble: Option<Trouble>,
+    /// Observations of it that were lost or refused.
+    pub observations_lost: u32,
 }
 
 /// The map at `stamp`.
@@ -74,6 +78,8 @@ pub fn build(
                     lag_s: facts.shared.lag_s.map(|(v, s)| (v as f32, s as f32)),
                     bias_rad: facts.shared.bias_rad.map(|(v, s)| (v as f32, s as f32)),
                     trust: facts.trust,
+                    trouble: facts.trouble,
+                    observations_lost: facts.observations_lost,
                 }
             })
             .collect(),
@@ -85,6 +91,8 @@ pub fn build(
             .filter_map(|f| target_entry(f, &placed, robots, calibrator, config, stamp))
             .take(protocol::message::map::MAX_TARGETS)
             .collect(),
+        next_target: TargetId(0),
+        alarms: Vec::new(),
     }
 }
 
@@ -184,10 +192,31 @@ fn explanation(status: MapStatus, because: &[usize], robots: &[RobotFacts], conf
         MapStatus::Inconsistent => "sightings contradict each other: a marker's size or a camera is wrong".to_owned(),
         MapStatus::Insufficient => format!("{names}: not placed; it must stand and see a placed robot that sees it"),
     };
+    let away: Vec<&str> =
+        robots.iter().filter(|r| r.presence == Presence::Offline).take(8).map(|r| r.id.as_str()).collect();
+    if !away.is_empty() {
+        text.push_str("; missing: ");
+        text.push_str(&away.join(", "));
+    }
+    for robot in robots.iter().take(8) {
+        if let Some(trouble) = robot.trouble {
+            text.push_str(&format!("; {} is not used: {}", robot.id, trouble_in_words(trouble)));
+        }
+    }
     while text.len() > 256 {
         text.pop();
     }
     text
+}
+
+/// Why a robot is not used.
+pub fn trouble_in_words(trouble: Trouble) -> &'static str {
+    match trouble {
+        Trouble::NotAnnounced => "it has not announced itself",
+        Trouble::ClockUnknown => "its clock has not answered",
+        Trouble::ClockUncertain => "its clock is known too badly",
+        Trouble::TwoSessions => "two sessions use its id",
+    }
 }
 
 /// Full covariance matrix from the map's upper triangle of `n` rows; `None` where the length does not fit.

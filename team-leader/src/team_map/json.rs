@@ -1,10 +1,10 @@
 //! The map as JSON for people and tools: names and units as in the files of `solve` and `truth.jsonl`.
 
 use nalgebra::{DMatrix, Matrix3};
-use protocol::message::{MapStatus, Presence, TeamMap, Trust};
+use protocol::message::{Alarm, MapStatus, Presence, TeamMap, Trust};
 use serde::{Deserialize, Serialize};
 
-use super::build::{full_covariance, target_covariance};
+use super::build::{full_covariance, target_covariance, trouble_in_words};
 
 /// The team map.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -29,7 +29,40 @@ pub struct MapJson {
     pub robots: Vec<RobotJson>,
     /// Moving objects.
     pub targets: Vec<TargetJson>,
+    /// What robots raised in the last seconds, oldest first; the same alarm is in many maps.
+    #[serde(default)]
+    pub alarms: Vec<AlarmJson>,
 }
+
+/// An alarm of a robot.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct AlarmJson {
+    /// Who says so.
+    pub robot: String,
+    /// Its session, hexadecimal.
+    pub epoch: String,
+    /// Counts the alarms of the session.
+    pub number: u32,
+    /// Robot's clock, seconds.
+    pub time_s: f64,
+    /// What.
+    pub what: String,
+}
+
+impl From<&Alarm> for AlarmJson {
+    fn from(alarm: &Alarm) -> Self {
+        Self {
+            robot: alarm.robot.to_string(),
+            epoch: format!("{:016x}", alarm.epoch),
+            number: alarm.number,
+            time_s: alarm.at.as_secs_f64(),
+            what: alarm.kind.to_string(),
+        }
+    }
+}
+
+/// How fast somebody walks, and how near, for [`RobotJson::clock_bearing_sigma_deg`]: m/s and metres.
+pub const WALKER: (f64, f64) = (1.5, 2.0);
 
 /// A robot; position, heading and covariance (x, y, heading; m and rad) are null while it has no place.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -52,7 +85,7 @@ pub struct RobotJson {
     pub moving: bool,
     /// robot − leader, seconds.
     pub clock_offset_s: Option<f64>,
-    /// Its standard deviation.
+    /// Its standard deviation; the truth is within √3 of these for certain.
     pub clock_offset_sigma_s: Option<f64>,
     /// By how much its pictures are older than their stamps say, seconds.
     pub lag_s: Option<f64>,
@@ -66,6 +99,15 @@ pub struct RobotJson {
     pub trust: String,
     /// The factor by which its sigmas are widened, where they are.
     pub widened: Option<f64>,
+    /// What that costs: the error of the bearing of somebody who walks past at 1.5 m/s in 2 m, degrees (one sigma).
+    #[serde(default)]
+    pub clock_bearing_sigma_deg: Option<f64>,
+    /// Why its observations are not used, where they are not.
+    #[serde(default)]
+    pub trouble: Option<String>,
+    /// Observations that never came, or too late or out of order.
+    #[serde(default)]
+    pub observations_lost: u32,
 }
 
 /// A moving object.
@@ -138,6 +180,11 @@ impl From<&TeamMap> for MapJson {
                             Trust::Widened(factor) => Some(f64::from(factor)),
                             Trust::Full | Trust::SetAside => None,
                         },
+                        clock_bearing_sigma_deg: robot
+                            .clock_offset_s
+                            .map(|c| (WALKER.0 * f64::from(c.1) / WALKER.1).to_degrees()),
+                        trouble: robot.trouble.map(|t| trouble_in_words(t).to_owned()),
+                        observations_lost: robot.observations_lost,
                     }
                 })
                 .collect(),
@@ -159,6 +206,7 @@ impl From<&TeamMap> for MapJson {
                     age_s: f64::from(t.age_s),
                 })
                 .collect(),
+            alarms: map.alarms.iter().map(AlarmJson::from).collect(),
         }
     }
 }

@@ -22,6 +22,10 @@ pub struct Robot {
     pub slots: Vec<Slot>,
     /// While it moves, or stands but has not been tied to the standing ones yet.
     pub rover: Option<Rover>,
+    /// Its remembered place is old, and nothing has confirmed it.
+    pub unsure: bool,
+    /// It is there again.
+    pub back: bool,
     /// Checks in a row that contradict its place.
     pub contradictions: u32,
     /// Distances of it that are not believed.
@@ -35,6 +39,8 @@ pub struct Robot {
 impl Default for Robot {
     fn default() -> Self {
         Self {
+            unsure: false,
+            back: false,
             seen: false,
             standing_since: None,
             slots: Vec::new(),
@@ -47,11 +53,18 @@ impl Default for Robot {
     }
 }
 
+impl Robot {
+    /// It is there, and may have been moved since its place was remembered.
+    pub fn is_doubted(&self) -> bool {
+        self.unsure && self.back
+    }
+}
+
 impl Calibrator {
     /// Takes over what the robot says of its own motion.
     pub(super) fn follow_motion(&mut self, look: &Look<'_>) {
         let robot = &mut self.robots[look.robot];
-        robot.seen = true;
+        (robot.seen, robot.back) = (true, true);
         match look.motion {
             Motion::Standing => {
                 if robot.standing_since.is_none() {

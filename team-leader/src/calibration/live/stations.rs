@@ -8,6 +8,7 @@ use protocol::time::Timestamp;
 use super::Finding;
 use super::{
     CHECK_INTERVAL_S, CONTRADICTIONS, Calibrator, FRESH_S, Fit, GAUGE_VAR, LEAST_COUNT, NAMING_INTERVAL_S, SETTLED_S,
+    remembered,
 };
 use crate::calibration::naming::{self, Known, Naming, View};
 
@@ -18,8 +19,17 @@ const LARGE_BLOCK: usize = 8;
 const LARGE_BLOCK_INTERVAL_S: f64 = 0.1;
 /// Squared sigmas (two numbers) within which a slot of a member is a member that should be there.
 const SLOT_GATE: f64 = 18.0;
-/// A remembered pose that is further from the new one (squared sigmas of three numbers) is forgotten.
-const MEMORY_GATE: f64 = 16.0;
+
+/// Names as they follow from one robot's place.
+struct Rooted {
+    root: usize,
+    pose: Pose2,
+    covariance: Matrix3<f64>,
+    naming: Naming,
+    views: Vec<View>,
+    /// Others that then stand where they are remembered.
+    agreeing: usize,
+}
 
 impl Calibrator {
     /// Names slots of a member that show another member where it must be.
@@ -90,6 +100,8 @@ impl Calibrator {
         roots.sort_by_key(|&r| self.robots[r].standing_since);
         let remembered = self.gauge.is_some();
         self.ambiguous.clear();
+        // Of remembered places the root's is believed: one that most others agree with.
+        let mut best: Option<Rooted> = None;
         for root in roots {
             let (pose, covariance) = match (&self.robots[root].rover, remembered, self.anchor) {
                 (Some(rover), true, _) => (rover.pose_at(at), rover.covariance(&self.block)),
@@ -101,15 +113,23 @@ impl Calibrator {
             let views = self.views(at, |r| if r == root { Known::Fixed(pose) } else { Known::Nothing });
             let naming = naming::name(&views, self.config.common_width_rad, self.config.naming_margin);
             if naming.placed.len() >= 2 {
-                self.robots[root].rover = None;
-                self.block.insert(root, pose, &covariance);
-                self.gauge = self.gauge.or(Some(root));
-                self.take_names(&naming, &views, at);
-                return;
-            }
-            if self.ambiguous.is_empty() {
+                let agreeing = if remembered { self.agreeing(&naming, root, at) } else { 0 };
+                if best.as_ref().is_none_or(|best| agreeing > best.agreeing) {
+                    best = Some(Rooted { root, pose, covariance, naming, views, agreeing });
+                }
+                if !remembered || agreeing + 1 == self.robots.len() {
+                    break;
+                }
+            } else if self.ambiguous.is_empty() {
                 self.ambiguous.clone_from(&naming.ambiguous);
             }
+        }
+        if let Some(Rooted { root, pose, covariance, naming, views, .. }) = best {
+            self.robots[root].rover = None;
+            self.robots[root].unsure = false;
+            self.block.insert(root, pose, &covariance);
+            self.gauge = self.gauge.or(Some(root));
+            self.take_names(&naming, &views, at);
         }
     }
 
@@ -243,19 +263,18 @@ impl Calibrator {
             }
             let mut covariance = Matrix3::from_diagonal(&Vector3::from(WEAK));
             let mut start = *pose;
+            let agrees = self.stands_as_remembered(*robot, pose, at);
+            let was_unsure = std::mem::take(&mut self.robots[*robot].unsure);
             if let Some(rover) = self.robots[*robot].rover.take() {
-                let remembered = rover.covariance(&self.block);
-                let before = rover.pose_at(at);
-                let e = Vector3::new(
-                    pose.x_m - before.x_m,
-                    pose.y_m - before.y_m,
-                    wrap(pose.heading_rad - before.heading_rad),
-                );
-                let d2 = remembered.cholesky().map_or(f64::INFINITY, |c| e.dot(&c.solve(&e)));
-                if d2 < MEMORY_GATE {
+                if agrees {
                     // Twice, because its correlation with the standing ones is lost here.
-                    covariance = 2.0 * remembered;
-                    start = before;
+                    covariance = 2.0 * rover.covariance(&self.block);
+                    if was_unsure {
+                        covariance += remembered::nudged();
+                    }
+                    start = rover.pose_at(at);
+                } else if was_unsure {
+                    self.moved.push(*robot);
                 }
             }
             self.block.insert(*robot, start, &covariance);

@@ -317,13 +317,25 @@ impl World {
 
     /// Runs the leader through the whole time; `look` sees the world and each map.
     pub fn run(&mut self, leader: &mut Leader, mut look: impl FnMut(&World, &TeamMap)) {
-        let mut post: Vec<(f64, Input)> = Vec::new();
+        self.run_many(std::slice::from_mut(leader), |_, _| true, |world, _, map| look(world, map));
+    }
+
+    /// Runs several leaders, all of which hear all robots and each other; `lives` says who works when. `look` sees the world
+    /// and each map with the number of who made it.
+    pub fn run_many(
+        &mut self,
+        leaders: &mut [Leader],
+        lives: impl Fn(f64, usize) -> bool,
+        mut look: impl FnMut(&World, usize, &TeamMap),
+    ) {
+        let mut post: Vec<(f64, Option<usize>, Input)> = Vec::new();
         for r in &self.robots {
-            post.push((0.0, Input::RobotAlive(r.id)));
-            post.push((0.01, Input::Announcement(announcement(r.id))));
+            post.push((0.0, None, Input::RobotAlive(r.id)));
+            post.push((0.01, None, Input::Announcement(announcement(r.id))));
         }
         let mut outputs = Vec::new();
         let mut last = None;
+        let mut lived: Vec<bool> = (0..leaders.len()).map(|k| lives(0.0, k)).collect();
         while self.time_s < self.settings.duration_s {
             self.time_s += STEP_S;
             self.step();
@@ -331,58 +343,88 @@ impl World {
                 if self.time_s >= self.robots[k].next_s {
                     let observation = self.observe(k);
                     let late_s = self.rng.random_range(0.005..0.03);
-                    post.push((self.time_s + late_s, Input::Observation(self.robots[k].id, observation)));
+                    post.push((self.time_s + late_s, None, Input::Observation(self.robots[k].id, observation)));
                 }
             }
             let now_s = self.time_s;
-            let mut due: Vec<(f64, Input)> = Vec::new();
-            post.retain(|(at_s, input)| {
+            let mut due: Vec<(f64, Option<usize>, Input)> = Vec::new();
+            post.retain(|(at_s, to, input)| {
                 if *at_s <= now_s {
-                    due.push((*at_s, input.clone()));
+                    due.push((*at_s, *to, input.clone()));
                 }
                 *at_s > now_s
             });
             due.sort_by(|a, b| a.0.total_cmp(&b.0));
-            if leader.next_deadline().is_some_and(|d| d <= clock(now_s)) {
-                due.push((now_s, Input::Deadline));
-            }
-            for (at_s, input) in due {
-                let observation = matches!(input, Input::Observation(..));
-                let begin = std::time::Instant::now();
-                leader.handle(clock(at_s), input, &mut outputs);
-                if let Some(costs) = self.costs.as_mut().filter(|_| observation) {
-                    costs.push(begin.elapsed().as_secs_f64());
+            for me in 0..leaders.len() {
+                let works = lives(now_s, me);
+                if lived[me] && !works {
+                    let gone = leaders[me].id();
+                    post.extend((0..leaders.len()).map(|to| (now_s + 0.02, Some(to), Input::LeaderGone(gone))));
                 }
-            }
-            for output in outputs.drain(..) {
-                match output {
-                    Output::Map(map) => {
-                        look(self, &map);
-                        last = Some(map);
+                if !lived[me] && works {
+                    // What is kept for late joiners.
+                    for r in &self.robots {
+                        post.push((now_s, Some(me), Input::RobotAlive(r.id)));
+                        post.push((now_s, Some(me), Input::Announcement(announcement(r.id))));
                     }
-                    Output::ClockProbe(robot, probe) => {
-                        let r = self.robots.iter().find(|r| r.id == robot).unwrap();
-                        let out_s = self.rng.random_range(0.0005..0.004);
-                        let back_s = self.rng.random_range(0.0005..0.004);
-                        let reply = ClockReply {
-                            probe_sent: probe.sent,
-                            received: probe.sent.offset_by_secs(out_s + r.offset_s),
-                            replied: probe.sent.offset_by_secs(out_s + r.offset_s + 1e-4),
-                            epoch: 1,
-                        };
-                        let sent_s = probe.sent.seconds_since(clock(0.0));
-                        post.push((sent_s + out_s + 1e-4 + back_s, Input::ClockReply(robot, reply)));
+                }
+                lived[me] = works;
+                if !works {
+                    continue;
+                }
+                let mut mine: Vec<(f64, Input)> = due
+                    .iter()
+                    .filter(|(_, to, _)| to.is_none_or(|to| to == me))
+                    .map(|(at_s, _, input)| (*at_s, input.clone()))
+                    .collect();
+                if leaders[me].next_deadline().is_some_and(|d| d <= clock(now_s)) {
+                    mine.push((now_s, Input::Deadline));
+                }
+                for (at_s, input) in mine {
+                    let observation = matches!(input, Input::Observation(..));
+                    let begin = std::time::Instant::now();
+                    leaders[me].handle(clock(at_s), input, &mut outputs);
+                    if let Some(costs) = self.costs.as_mut().filter(|_| observation) {
+                        costs.push(begin.elapsed().as_secs_f64());
                     }
-                    Output::Guidance(guidance) => {
-                        let listens = self.settings.follows_from_s.is_some_and(|t| now_s > t);
-                        if listens && self.arrived_s.is_none() {
-                            self.follow(&guidance, last.as_ref());
+                }
+                let everybody = || (0..leaders.len()).filter(move |to| *to != me);
+                for output in outputs.drain(..) {
+                    match output {
+                        Output::Map(map) => {
+                            look(self, me, &map);
+                            last = Some(map.clone());
+                            post.extend(everybody().map(|to| (now_s + 0.001, Some(to), Input::Map(map.clone()))));
                         }
-                        self.guidance.push((now_s, guidance));
-                    }
-                    Output::Notice(text) => {
-                        println!("notice at {now_s:.2}: {text}");
-                        self.notices.push(text);
+                        Output::Candidacy(word) => {
+                            post.extend(everybody().map(|to| (now_s + 0.001, Some(to), Input::Candidacy(word))));
+                        }
+                        Output::ClockProbe(robot, probe) => {
+                            let r = self.robots.iter().find(|r| r.id == robot).unwrap();
+                            let out_s = self.rng.random_range(0.0005..0.004);
+                            let back_s = self.rng.random_range(0.0005..0.004);
+                            let reply = ClockReply {
+                                probe_sent: probe.sent,
+                                received: probe.sent.offset_by_secs(out_s + r.offset_s),
+                                replied: probe.sent.offset_by_secs(out_s + r.offset_s + 1e-4),
+                                epoch: 1,
+                            };
+                            let sent_s = probe.sent.seconds_since(clock(0.0));
+                            let arrives_s = sent_s + out_s + 1e-4 + back_s;
+                            post.push((arrives_s, Some(me), Input::ClockReply(robot, reply)));
+                        }
+                        Output::Guidance(guidance) => {
+                            let listens = self.settings.follows_from_s.is_some_and(|t| now_s > t);
+                            if listens && self.arrived_s.is_none() {
+                                self.follow(&guidance, last.as_ref());
+                            }
+                            self.guidance.push((now_s, guidance));
+                        }
+                        Output::Reign(_) | Output::Alarm(_) => {}
+                        Output::Notice(text) => {
+                            println!("leader {me} at {now_s:.2}: {text}");
+                            self.notices.push(text);
+                        }
                     }
                 }
             }

@@ -1,0 +1,206 @@
+//! Numbers of targets that outlive a leader.
+//!
+//! Every leader follows the same people under numbers of its own. What the team hears are the numbers of the map: a leader that
+//! stands by learns from each map of the ruling one which of its own targets bears which, and keeps to that when it rules. A
+//! target that it does not follow (it came late, or everything was restarted) leaves its number and place behind, and whoever
+//! is found there soon gets it.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use nalgebra::Vector2;
+use protocol::id::TargetId;
+use protocol::message::MapTarget;
+use protocol::time::Timestamp;
+
+/// A target of the map and one of our own are the same this near, metres.
+const SAME_M: f64 = 0.6;
+/// The pair of the map before is preferred to another by so much, metres.
+const LOYALTY_M: f64 = 0.2;
+/// How far from where it was somebody may be found who still gets the number: at once, and more with every second; at most.
+const FOUND_M: (f64, f64, f64) = (0.4, 0.6, 1.5);
+/// How long a number waits for its bearer, seconds.
+pub const WAITS_S: f64 = 8.0;
+/// A velocity leads so far, seconds.
+const HEADED_S: f64 = 1.0;
+/// Most numbers of our own that are remembered.
+const MAX_NAMES: usize = 4096;
+/// Most numbers that wait.
+const MAX_WAITING: usize = 256;
+
+/// Our own numbers and those of the map.
+#[derive(Debug)]
+pub struct Names {
+    of: BTreeMap<TargetId, TargetId>,
+    waiting: Vec<Waiting>,
+    next: u32,
+}
+
+#[derive(Debug, Clone, Copy)]
+struct Waiting {
+    id: TargetId,
+    position: Vector2<f64>,
+    velocity: Vector2<f64>,
+    at: Timestamp,
+}
+
+/// A target of our own at an instant.
+#[derive(Debug, Clone, Copy)]
+pub struct Own {
+    /// Our number.
+    pub id: TargetId,
+    /// On the floor, metres.
+    pub position: Vector2<f64>,
+}
+
+impl Default for Names {
+    fn default() -> Self {
+        Self { of: BTreeMap::new(), waiting: Vec::new(), next: 1 }
+    }
+}
+
+impl Names {
+    /// The first number that nobody has had.
+    pub fn next(&self) -> TargetId {
+        TargetId(self.next)
+    }
+
+    /// Learns from a map of another leader, of the instant `at`, with `next` as the first free number.
+    pub fn follow(&mut self, targets: &[MapTarget], next: TargetId, at: Timestamp, own: &[Own]) {
+        self.next = self.next.max(next.0);
+        let place = |target: &MapTarget| Vector2::new(target.position_m[0], target.position_m[1]);
+        let mut pairs: Vec<(f64, usize, usize)> = Vec::new();
+        for (t, target) in targets.iter().enumerate() {
+            self.next = self.next.max(target.id.0.saturating_add(1));
+            for (o, mine) in own.iter().enumerate() {
+                let apart_m = (mine.position - place(target)).norm();
+                if apart_m < SAME_M {
+                    let loyal = self.of.get(&mine.id) == Some(&target.id);
+                    pairs.push((if loyal { apart_m - LOYALTY_M } else { apart_m }, t, o));
+                }
+            }
+        }
+        pairs.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)).then(a.2.cmp(&b.2)));
+        let (mut paired, mut taken) = (BTreeSet::new(), BTreeSet::new());
+        for (_, t, o) in pairs {
+            if paired.contains(&t) || taken.contains(&o) {
+                continue;
+            }
+            paired.insert(t);
+            taken.insert(o);
+            let (theirs, mine) = (targets[t].id, own[o].id);
+            self.of.retain(|other, name| *name != theirs || *other == mine);
+            self.of.insert(mine, theirs);
+        }
+        let age_s = |w: &Waiting| at.seconds_since(w.at).abs();
+        self.waiting.retain(|w| age_s(w) < WAITS_S && targets.iter().all(|t| t.id != w.id));
+        for (_, target) in targets.iter().enumerate().filter(|(t, _)| !paired.contains(t)) {
+            // Nobody of ours may go on under a number that the ruling leader sees elsewhere.
+            self.of.retain(|_, name| *name != target.id);
+            let velocity = Vector2::new(f64::from(target.velocity_mps[0]), f64::from(target.velocity_mps[1]));
+            self.waiting.push(Waiting { id: target.id, position: place(target), velocity, at });
+        }
+        let excess = self.waiting.len().saturating_sub(MAX_WAITING);
+        self.waiting.drain(..excess);
+        while self.of.len() > MAX_NAMES {
+            self.of.pop_first();
+        }
+    }
+
+    /// The number in the map of a target of our own that is found at `position` at `now`.
+    pub fn name(&mut self, own: TargetId, position: Vector2<f64>, now: Timestamp) -> TargetId {
+        if let Some(name) = self.of.get(&own) {
+            return *name;
+        }
+        self.waiting.retain(|w| now.seconds_since(w.at) < WAITS_S);
+        let nearest = self
+            .waiting
+            .iter()
+            .enumerate()
+            .filter_map(|(k, w)| {
+                let age_s = now.seconds_since(w.at).max(0.0);
+                let there = w.position + w.velocity * age_s.min(HEADED_S);
+                let apart_m = (position - there).norm().min((position - w.position).norm());
+                (apart_m < (FOUND_M.0 + FOUND_M.1 * age_s).min(FOUND_M.2)).then_some((apart_m, k))
+            })
+            .min_by(|a, b| a.0.total_cmp(&b.0));
+        let name = match nearest {
+            Some((_, k)) => self.waiting.remove(k).id,
+            None => {
+                let name = TargetId(self.next);
+                self.next = self.next.saturating_add(1);
+                name
+            }
+        };
+        if self.of.len() >= MAX_NAMES {
+            self.of.pop_first();
+        }
+        self.of.insert(own, name);
+        name
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn who_is_found_where_the_ruling_leader_saw_somebody_keeps_the_number() {
+        let mut names = Names::default();
+        let own = [mine(1, 0.0, 0.0), mine(2, 2.0, 0.0)];
+        names.follow(&[theirs(7, 2.1, 0.0), theirs(9, 0.0, 0.1), theirs(11, 5.0, 5.0)], TargetId(20), at(0.0), &own);
+        assert_eq!(names.name(TargetId(1), own[0].position, at(0.1)), TargetId(9));
+        assert_eq!(names.name(TargetId(2), own[1].position, at(0.1)), TargetId(7));
+        // Found late, half a metre on.
+        assert_eq!(names.name(TargetId(3), Vector2::new(5.4, 5.0), at(1.0)), TargetId(11));
+        assert_eq!(names.name(TargetId(4), Vector2::new(-3.0, 0.0), at(1.0)), TargetId(20));
+        assert_eq!(names.next(), TargetId(21));
+    }
+
+    #[test]
+    fn two_that_pass_each_other_keep_their_numbers_while_the_maps_say_so() {
+        let mut names = Names::default();
+        for step in 0..=20 {
+            let x = -1.0 + 0.1 * f64::from(step);
+            let own = [mine(1, x, 0.0), mine(2, -x, 0.15)];
+            names.follow(&[theirs(5, x, 0.02), theirs(6, -x, 0.13)], TargetId(7), at(0.1 * f64::from(step)), &own);
+        }
+        assert_eq!(names.name(TargetId(1), Vector2::zeros(), at(2.0)), TargetId(5));
+        assert_eq!(names.name(TargetId(2), Vector2::zeros(), at(2.0)), TargetId(6));
+    }
+
+    #[test]
+    fn a_number_waits_no_longer_than_it_may_mean_the_same_person() {
+        let mut names = Names::default();
+        names.follow(&[theirs(5, 0.0, 0.0)], TargetId(6), at(0.0), &[]);
+        assert_eq!(names.name(TargetId(1), Vector2::zeros(), at(WAITS_S + 0.1)), TargetId(6));
+    }
+
+    #[test]
+    fn a_leader_that_never_followed_counts_from_one() {
+        let mut names = Names::default();
+        assert_eq!(names.name(TargetId(4), Vector2::zeros(), at(0.0)), TargetId(1));
+        assert_eq!(names.name(TargetId(9), Vector2::zeros(), at(0.0)), TargetId(2));
+        assert_eq!(names.name(TargetId(4), Vector2::zeros(), at(5.0)), TargetId(1));
+    }
+
+    fn at(s: f64) -> Timestamp {
+        Timestamp::from_secs_f64(1000.0 + s)
+    }
+
+    fn mine(id: u32, x: f64, y: f64) -> Own {
+        Own { id: TargetId(id), position: Vector2::new(x, y) }
+    }
+
+    fn theirs(id: u32, x: f64, y: f64) -> MapTarget {
+        MapTarget {
+            id: TargetId(id),
+            position_m: [x, y, 0.9],
+            velocity_mps: [0.0; 2],
+            height_m: None,
+            own_covariance: [0.01, 0.0, 0.0, 0.01, 0.0, 0.01],
+            pose_jacobian: Vec::new(),
+            observers: Vec::new(),
+            age_s: 0.0,
+        }
+    }
+}
