@@ -28,6 +28,7 @@ pub fn run() -> Result<(), TeamError> {
 async fn lead() -> Result<(), TeamError> {
     let id = LeaderId::new("leader")?;
     let setup = Setup {
+        state: None,
         leader: Leader::new(LeaderCoreConfig::new(id)),
         id,
         team: team_id()?,

@@ -93,6 +93,8 @@ fn healthy() -> Heard {
         lag_s: None,
         bias_rad: None,
         trust: Trust::Full,
+        trouble: None,
+        observations_lost: 0,
     };
     Heard {
         team: "blue".parse().unwrap(),
@@ -117,6 +119,8 @@ fn healthy() -> Heard {
             robots: vec![map_robot(ids[0], pose(0.0, 0.0)), map_robot(ids[1], pose(3.0, std::f64::consts::PI))],
             joint_covariance: vec![1e-6; 21],
             targets: Vec::new(),
+            next_target: protocol::id::TargetId(1),
+            alarms: Vec::new(),
         }),
         pictures: ids.map(|id| (id, PictureFigures { mean: 120.0, clipped: 0.01, sharpness: 0.8 })).into(),
     }

@@ -200,6 +200,7 @@ mod tests {
             own_covariance: [0.01, 0.0, 0.0, 0.01, 0.0, 0.01],
             pose_jacobian: Vec::new(),
             observers: Vec::new(),
+            pair: None,
             age_s: 0.0,
         }
     }

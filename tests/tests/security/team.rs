@@ -19,6 +19,7 @@ async fn a_team_works_under_certificates_and_an_operator_sees_all_of_it() {
     let team = Team::new();
     let id = LeaderId::new("l1").unwrap();
     let service = leaders::Service::open(leaders::Setup {
+        state: None,
         leader: Leader::new(LeaderCoreConfig::new(id)),
         id,
         team: team_id(),
@@ -43,6 +44,7 @@ async fn a_team_works_under_certificates_and_an_operator_sees_all_of_it() {
         settings.panorama_columns = Some(240);
         let (sender, source) = agents::frame_channel();
         let setup = agents::Setup {
+            journal: None,
             agent: Agent::new(settings, MountedCamera::reference(0.6), 1).unwrap(),
             source,
             clock: Clock::system(),
