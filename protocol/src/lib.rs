@@ -22,6 +22,7 @@ pub mod security;
 pub mod time;
 #[cfg(feature = "zenoh")]
 pub mod transport;
+pub mod whole_file;
 
 #[doc = include_str!("../ERRATA.md")]
 pub mod errata {}

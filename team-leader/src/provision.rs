@@ -19,6 +19,7 @@ use protocol::id::{MemberId, TeamId};
 use protocol::security::roster::{Entry, MAX_MEMBERS, Role, Roster, common_name};
 use protocol::security::rules;
 use protocol::time::Timestamp;
+use protocol::whole_file;
 use rcgen::{
     BasicConstraints, CertificateParams, DistinguishedName, DnType, ExtendedKeyUsagePurpose, IsCa, Issuer, KeyPair,
     KeyUsagePurpose,
@@ -301,16 +302,8 @@ fn write_secret(path: &Path, text: &str) -> Result<(), ProvisionError> {
 }
 
 fn write_with_mode(path: &Path, text: &str, mode: u32) -> Result<(), ProvisionError> {
-    use std::io::Write;
-    use std::os::unix::fs::OpenOptionsExt;
-    let wrong = |source| ProvisionError::File { path: path.to_owned(), source };
-    let mut beside = path.as_os_str().to_owned();
-    beside.push(".new");
-    // Left by a run that was killed.
-    let _ = std::fs::remove_file(&beside);
-    let mut file = std::fs::OpenOptions::new().write(true).create_new(true).mode(mode).open(&beside).map_err(wrong)?;
-    file.write_all(text.as_bytes()).and_then(|()| file.sync_all()).map_err(wrong)?;
-    std::fs::rename(&beside, path).map_err(wrong)
+    whole_file::replace(path, text.as_bytes(), mode)
+        .map_err(|source| ProvisionError::File { path: path.to_owned(), source })
 }
 
 #[cfg(test)]

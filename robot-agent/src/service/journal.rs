@@ -14,6 +14,7 @@ use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use protocol::codec;
 use protocol::id::RobotId;
 use protocol::message::Alarm;
+use protocol::whole_file;
 
 /// Alarms that are kept.
 pub const MAX_KEPT: usize = 256;
@@ -102,13 +103,8 @@ fn append(path: &Path, alarms: &[Alarm]) -> std::io::Result<()> {
     file.sync_data()
 }
 
-/// Written beside, brought to the disk, renamed.
 fn rewrite(path: &Path, alarms: &[Alarm]) -> std::io::Result<()> {
-    let beside = path.with_extension("alarms.new");
-    let mut file = File::create(&beside)?;
-    file.write_all(lines(alarms).as_bytes())?;
-    file.sync_all()?;
-    fs::rename(&beside, path)
+    whole_file::replace(path, lines(alarms).as_bytes(), whole_file::ORDINARY)
 }
 
 fn lines(alarms: &[Alarm]) -> String {

@@ -16,6 +16,7 @@ use protocol::codec::{self, Kind};
 use protocol::id::TeamId;
 use protocol::message::{Alarm, TeamMap};
 use protocol::time::Timestamp;
+use protocol::whole_file;
 use serde::{Deserialize, Serialize};
 
 use crate::leader::Leader;
@@ -88,18 +89,11 @@ impl StateDir {
         }
     }
 
-    /// Written beside, brought to the disk, renamed: whoever reads finds the old one or the new one, whole.
     fn save(&self, map: &TeamMap) -> Result<(), String> {
         let envelope = codec::encode(map).map_err(|error| error.to_string())?;
-        let (path, beside) = (self.file("map"), self.file("map.new"));
-        let write = || {
-            let mut file = File::create(&beside)?;
-            file.write_all(&envelope)?;
-            file.sync_all()?;
-            fs::rename(&beside, &path)?;
-            File::open(&self.folder)?.sync_all()
-        };
-        write().map_err(|error: std::io::Error| format!("{}: {error}", path.display()))
+        let path = self.file("map");
+        whole_file::replace(&path, &envelope, whole_file::ORDINARY)
+            .map_err(|error| format!("{}: {error}", path.display()))
     }
 
     fn append(&self, line: &Line, lines: &mut usize) -> Result<(), String> {
