@@ -185,6 +185,11 @@ impl Leader {
         probes.chain([self.succession.next()]).min()
     }
 
+    /// Whether messages of this session are used: of two robots of one id neither is.
+    pub fn hears(&self, robot: RobotId, epoch: u64) -> bool {
+        self.sessions.is_heard(robot, epoch)
+    }
+
     /// Who this leader is.
     pub fn id(&self) -> LeaderId {
         self.config.leader

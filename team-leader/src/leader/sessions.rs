@@ -103,6 +103,11 @@ impl Sessions {
         }
     }
 
+    /// Whether messages of this session are used.
+    pub fn is_heard(&self, id: RobotId, epoch: u64) -> bool {
+        self.robots.get(&id).is_none_or(|robot| !robot.conflict && robot.current == Some(epoch))
+    }
+
     /// Whether two sessions of this id speak.
     pub fn in_conflict(&self, id: RobotId) -> bool {
         self.robots.get(&id).is_some_and(|robot| robot.conflict)
@@ -211,6 +216,7 @@ mod tests {
             }
             if !(1.3..1.6).contains(&now_s) && !(4.7..5.2).contains(&now_s) {
                 assert_eq!(sessions.in_conflict(r1()), (1.5..5.0).contains(&now_s), "{now_s}");
+                assert_eq!(sessions.is_heard(r1(), 1), now_s < 1.5, "{now_s}");
             }
         }
         assert_eq!(notices.len(), 1, "{notices:?}");

@@ -167,8 +167,11 @@ impl Desk {
     }
 
     pub fn health(&mut self, got: Received<Health>) {
-        self.transport.board().health(&got.message);
-        self.handle(got.arrived, Input::Health(got.message));
+        let health = got.message;
+        self.handle(got.arrived, Input::Health(health.clone()));
+        if self.leader.hears(health.robot, health.epoch) {
+            self.transport.board().health(&health);
+        }
     }
 
     pub fn probed(&mut self, (robot, answered): (RobotId, Answered<ClockReply>)) {
