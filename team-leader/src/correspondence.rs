@@ -45,6 +45,9 @@ use memory::Memory;
 use state::{Context, Seen, State};
 use window::Kept;
 
+pub use likelihood::stretch;
+pub use state::MOST_REPEAT;
+
 /// Most targets followed at once.
 const MAX_TARGETS: usize = 256;
 /// Most tracks remembered.

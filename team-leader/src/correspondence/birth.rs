@@ -22,7 +22,7 @@ use super::identity::{Looks, Past};
 use super::likelihood::log_student;
 use super::memory::Memory;
 use super::moves::LEAST_COUNT;
-use super::state::{Context, State};
+use super::state::{Context, SURE_RANGE_M, State};
 use super::window::{Change, Proposal};
 use super::{Followed, Follower, Frame, MAX_TARGETS, PRESENT_S, Sight};
 use crate::calibration::live::Calibrator;
@@ -34,9 +34,8 @@ const ROBOT_M: f64 = 0.3;
 const VACATED: (f64, f64) = (15.0, 0.45);
 /// A further robot's ray passes within so many squared sigmas.
 const THIRD_GATE: f64 = 12.0;
-/// What it says that a further robot sees nothing, and how far away it may miss people, metres.
+/// What it says that a further robot sees nothing.
 const UNSEEN: f64 = -1.2;
-const SURE_RANGE_M: f64 = 6.0;
 /// Frames of evidence, and the lead over the best set without it that is needed with so many.
 const EVIDENCE: [(u32, f64); 3] = [(5, 1.5), (10, 0.75), (20, 0.25)];
 /// Frames over which a candidate's weight is averaged.

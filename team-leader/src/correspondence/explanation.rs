@@ -65,7 +65,7 @@ impl Follower {
                 if !(RANGE_M[0]..RANGE_M[1]).contains(&range_m) {
                     return None;
                 }
-                let var = m.sigma_rad.powi(2) + (self.config.axis_sway_m / range_m).powi(2);
+                let var = self.config.bearing_var(m.sigma_rad, range_m);
                 let residual = wrap(m.bearing_at(at) - bearing);
                 let row = Vector2::from(to_point);
                 information += row * row.transpose() / var;

@@ -5,7 +5,7 @@ use protocol::id::{TargetId, TrackId};
 
 use super::memory::Memory;
 use super::state::Context;
-use super::window::{Change, Proposal};
+use super::window::{Change, Proposal, change_of};
 use super::{Follower, PRESENT_S};
 
 /// Frames in which a track must have been seen before it counts.
@@ -139,7 +139,7 @@ impl Follower {
         let (mut sum, mut best) = (0.0, (0.0, None));
         for (i, kept) in self.window.iter().enumerate().rev().filter(|(_, k)| k.seen.robot == robot) {
             for (sight, owner) in kept.seen.sights.iter().zip(&kept.owners) {
-                if let Some(c) = changes.iter().find(|c| c.track == sight.track) {
+                if let Some(c) = change_of(changes, robot, sight.track) {
                     sum += worth(c.to, i, sight) - worth(*owner, i, sight);
                 }
             }

@@ -16,7 +16,7 @@ use crate::stereo::triangulate::height_m;
 /// Variance below which the height of a top does not fall, m².
 const TOP_FLOOR_VAR: f64 = 0.0016;
 /// A frame never counts for less than this part of a frame with an error of its own.
-const MOST_REPEAT: f64 = 2.5;
+pub const MOST_REPEAT: f64 = 2.5;
 /// Where the rays leave the place so unsure (larger axis, metres), ranges from feet, head and width help.
 const UNSURE_M: f64 = 0.15;
 /// How much less a range from feet, head and width says with every frame: the gait, the clothes, the shadow stay.
@@ -32,7 +32,7 @@ const LOOKS_WORTH: f64 = 0.1;
 /// What a frame costs in which a robot that should see it does not, nats.
 const UNSEEN: f64 = 0.4;
 /// How far away a robot may miss people, metres.
-const SURE_RANGE_M: f64 = 6.0;
+pub const SURE_RANGE_M: f64 = 6.0;
 
 /// What all judgements need.
 #[derive(Debug, Clone, Copy)]
@@ -68,9 +68,8 @@ impl Seen {
     /// A sight as a bearing of a target at `range_m`. `repeat` weighs down frames whose errors are alike.
     fn bearing(&self, config: &TargetConfig, sight: &Sight, range_m: f64, repeat: f64) -> BearingFrom {
         let range_m = range_m.max(0.3);
-        let sway = config.axis_sway_m / range_m;
         let timing = 1.2 * self.at_sigma_s / range_m;
-        let var = (sight.sigma_rad.powi(2) + sway * sway) * repeat + timing * timing;
+        let var = config.bearing_var(sight.sigma_rad, range_m) * repeat + timing * timing;
         BearingFrom { robot: self.robot, pose: self.pose, bearing_rad: sight.bearing_rad, var, at: self.at }
     }
 }
@@ -155,7 +154,7 @@ impl State {
         let alone = self.observers.iter().all(|(r, at)| *r == seen.robot || seen.at.seconds_since(*at) > OBSERVED_S);
         let before = self.observers.iter().find(|(r, _)| *r == seen.robot).map(|(_, at)| *at);
         let since_s = before.map_or(1.0, |b| seen.at.seconds_since(b)).max(1e-3);
-        let repeat = (2.0 * config.correlation_s / since_s).clamp(1.0, MOST_REPEAT);
+        let repeat = config.repeat(since_s, MOST_REPEAT);
         let mut m = seen.bearing(config, sight, range_m, repeat);
         m.var *= stretch(d2);
         self.target.update(&m);

@@ -39,8 +39,7 @@ impl Kept {
     fn owned(&self, id: TargetId, changes: &[Change]) -> Option<usize> {
         (0..self.owners.len()).find(|&k| {
             let track = self.seen.sights[k].track;
-            let change = changes.iter().find(|c| c.robot == self.seen.robot && c.track == track);
-            change.map_or(self.owners[k], |c| c.to) == Some(id)
+            change_of(changes, self.seen.robot, track).map_or(self.owners[k], |c| c.to) == Some(id)
         })
     }
 }
@@ -54,6 +53,11 @@ pub struct Change {
     pub track: TrackId,
     /// Whose it is.
     pub to: Option<TargetId>,
+}
+
+/// What becomes of a track.
+pub fn change_of(changes: &[Change], robot: usize, track: TrackId) -> Option<&Change> {
+    changes.iter().find(|c| c.robot == robot && c.track == track)
 }
 
 /// A change of owners, worked out.
@@ -114,8 +118,8 @@ impl Follower {
         let mut affected: Vec<TargetId> = changes.iter().filter_map(|c| c.to).collect();
         for kept in self.window.iter().skip(from) {
             for (sight, owner) in kept.seen.sights.iter().zip(&kept.owners) {
-                let hit = changes.iter().any(|c| c.robot == kept.seen.robot && c.track == sight.track);
-                affected.extend(owner.filter(|_| hit));
+                let hit = change_of(&changes, kept.seen.robot, sight.track);
+                affected.extend(owner.filter(|_| hit.is_some()));
             }
         }
         affected.sort_unstable();
@@ -135,7 +139,7 @@ impl Follower {
         let Proposal { from, changes, reruns, .. } = proposal;
         for kept in self.window.iter_mut().skip(from) {
             for (sight, owner) in kept.seen.sights.iter().zip(&mut kept.owners) {
-                if let Some(c) = changes.iter().find(|c| c.robot == kept.seen.robot && c.track == sight.track) {
+                if let Some(c) = change_of(&changes, kept.seen.robot, sight.track) {
                     *owner = c.to;
                 }
             }

@@ -164,6 +164,18 @@ pub struct TargetConfig {
     pub publish_below_m: f64,
 }
 
+impl TargetConfig {
+    /// Variance of one frame's bearing of a body `range_m` away, rad²: what the robot states, and the sway of the axis.
+    pub fn bearing_var(&self, sigma_rad: f64, range_m: f64) -> f64 {
+        sigma_rad.powi(2) + (self.axis_sway_m / range_m).powi(2)
+    }
+
+    /// How many frames `interval_s` apart count as one, since their errors are alike; `most` at most.
+    pub fn repeat(&self, interval_s: f64, most: f64) -> f64 {
+        (2.0 * self.correlation_s / interval_s).clamp(1.0, most)
+    }
+}
+
 impl Default for TargetConfig {
     fn default() -> Self {
         Self {

@@ -10,6 +10,7 @@ use nalgebra::{DMatrix, Matrix2, Matrix2x3, Matrix3, RowVector2, RowVector3, Vec
 use protocol::frames::Pose2;
 
 use crate::calibration::kernel;
+use crate::correspondence::MOST_REPEAT;
 use crate::leader::config::TargetConfig;
 use crate::stereo::target::VELOCITY_MEMORY_S;
 
@@ -17,8 +18,6 @@ use crate::stereo::target::VELOCITY_MEMORY_S;
 const REACH_M: f64 = 10.0;
 /// Nearer than this a robot does not see a target as a whole, metres.
 const LEAST_RANGE_M: f64 = 0.4;
-/// A frame's error is like that of the one before: it counts for less by up to this (as in `correspondence`).
-const MOST_REPEAT: f64 = 2.5;
 /// Mean widening of a bearing's variance by its tails' weights, errors being Gaussian.
 const STRETCH: f64 = 1.15;
 /// Steps of the filter until it rests.
@@ -61,8 +60,8 @@ fn at_place(posts: &[Post], poses: &DMatrix<f64>, place: Vector2<f64>, config: &
             let from = [post.pose.x_m, post.pose.y_m, post.pose.heading_rad];
             let (_, to_pose, to_point) = kernel::bearing(from, [place.x, place.y]);
             let range_m = (place - post.pose.position()).norm();
-            let repeat = (2.0 * config.correlation_s * post.rate_hz).clamp(1.0, MOST_REPEAT);
-            let var = (post.sigma_rad.powi(2) + (config.axis_sway_m / range_m).powi(2)) * repeat * STRETCH;
+            let repeat = config.repeat(1.0 / post.rate_hz, MOST_REPEAT);
+            let var = config.bearing_var(post.sigma_rad, range_m) * repeat * STRETCH;
             // As a density: information a second.
             (k, RowVector2::from(to_point), to_pose, post.rate_hz / var)
         })

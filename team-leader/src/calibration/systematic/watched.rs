@@ -7,6 +7,7 @@ use protocol::id::TargetId;
 use protocol::time::Timestamp;
 
 use crate::calibration::kernel;
+use crate::correspondence::stretch;
 use crate::leader::config::TargetConfig;
 
 /// How long a velocity lasts, seconds.
@@ -21,8 +22,6 @@ const LEAST_SINE: f64 = 0.2;
 const OVER_S: f64 = 1.5;
 /// Frames of one robot that follow each other have like errors; so many count as one at most.
 const MOST_REPEAT: f64 = 5.0;
-/// Degrees of freedom of Student's t, by which far residuals count less.
-const NU: f64 = 4.0;
 /// Squared innovations count up to so many of their variances.
 const LARGEST: f64 = 16.0;
 /// Innovations before the filter has settled tell nothing.
@@ -125,12 +124,11 @@ impl Watched {
 
         let speed = self.mean[2].hypot(self.mean[3]);
         let timing = (speed * b.at_sigma_s / range_m).powi(2);
-        let stated = b.sigma_rad.powi(2) + (config.axis_sway_m / range_m).powi(2) + timing;
-        let repeat = (2.0 * config.correlation_s / since_s).clamp(1.0, MOST_REPEAT);
+        let stated = config.bearing_var(b.sigma_rad, range_m) + timing;
+        let repeat = config.repeat(since_s, MOST_REPEAT);
         let noise = stated * b.widened.powi(2) * repeat;
         let spread = (h * self.cov * h.transpose())[0];
-        let stretch = ((NU + residual_rad.powi(2) / (spread + noise)) / (NU + 1.0)).max(1.0);
-        let var = spread + noise * stretch;
+        let var = spread + noise * stretch(residual_rad.powi(2) / (spread + noise));
         let gain = self.cov * h.transpose() / var;
         self.mean += gain * residual_rad;
         self.cov = (Matrix4::identity() - gain * h) * self.cov;
