@@ -22,6 +22,7 @@ mod ghost;
 mod halo;
 mod holes;
 pub mod kernel;
+mod marks;
 mod own_motion;
 mod raster;
 mod regions;
@@ -41,7 +42,9 @@ pub use regions::{MAX_RUNS, Region, group};
 
 use filter::Majority;
 use halo::Halo;
+use marks::Marks;
 use own_motion::{Anchor, OwnMotion};
+use regions::Grouping;
 use shadow::Shadow;
 
 /// Most objects of one frame; the smallest are left out.
@@ -188,6 +191,8 @@ pub struct MotionStage {
     raster: Raster,
     settings: MotionSettings,
     valid: Vec<u8>,
+    /// The same as marks.
+    valid_marks: Marks,
     valid_count: usize,
     /// Bands of rows (see `halo`) in which not every pixel is valid.
     partly_valid: Vec<bool>,
@@ -206,11 +211,17 @@ pub struct MotionStage {
     halo: Halo,
     shadow: Shadow,
     magnitude: Vec<u8>,
-    faint: Vec<u8>,
-    strong: Vec<u8>,
+    faint: Marks,
+    strong: Marks,
+    /// Where most of the neighbourhood is marked; what of it stands upright, and what lies low.
+    solid: Marks,
+    upright: Marks,
+    low: Marks,
+    grouping: Grouping,
+    /// The pixels of objects, for the tracker.
     mask: Vec<u8>,
-    upright: Vec<u8>,
-    low: Vec<u8>,
+    /// The runs of `mask` that are not 0.
+    drawn: Vec<Run>,
     /// Threshold of (6-1) in this frame, grey levels.
     gate_threshold: u8,
     how: Vec<u8>,
@@ -253,7 +264,8 @@ impl MotionStage {
         };
         Ok(Self {
             raster,
-            valid_count: kernel::count_ones(&valid),
+            valid_count: valid.iter().map(|v| usize::from(*v)).sum(),
+            valid_marks: Marks::of_bytes(&valid, raster),
             partly_valid: valid.chunks(halo::CELL * raster.width).map(|band| band.contains(&0)).collect(),
             background: match settings.upright_row {
                 Some(_) => Background::new(settings.background, n).indoors(),
@@ -271,11 +283,14 @@ impl MotionStage {
             halo: Halo::new(raster),
             shadow: Shadow::new(raster),
             magnitude: vec![0; n],
-            faint: vec![0; n],
-            strong: vec![0; n],
+            faint: Marks::new(raster),
+            strong: Marks::new(raster),
+            solid: Marks::new(raster),
+            upright: Marks::new(raster),
+            low: Marks::new(raster),
+            grouping: Grouping::default(),
             mask: vec![0; n],
-            upright: vec![0; n],
-            low: vec![0; n],
+            drawn: Vec::new(),
             gate_threshold: u8::MAX,
             how: vec![0; n],
             learnt: 0,
@@ -356,14 +371,14 @@ impl MotionStage {
     pub fn extract(&mut self) {
         self.objects.clear();
         if self.state != BackgroundState::Ready {
-            self.mask.fill(0);
+            self.draw_objects();
             return;
         }
         let share_q8 = (self.settings.halo_share * 256.0).clamp(0.0, 255.0) as u8;
         self.halo.trim(&self.magnitude, share_q8, self.settings.floor_levels[0] as u8, &mut self.faint);
         let Background { level, noise, .. } = &self.background;
         self.shadow.remove(&self.picture, level, noise, self.gain, &mut self.faint);
-        self.majority.apply(&self.faint, &mut self.mask);
+        self.majority.apply(&self.faint, &mut self.solid);
         let mut regions = self.group_bodies();
         // Where people are known by their silhouettes those judge what is whole.
         let whole = self.settings.upright_row.is_none();
@@ -372,7 +387,7 @@ impl MotionStage {
         }
         regions.retain(|r| {
             // A real body is clearly different somewhere.
-            let strong = count_in(r, &self.strong, self.raster.width);
+            let strong: usize = r.spans().map(|(row, start, len)| self.strong.count(row, start, len)).sum();
             r.area >= self.settings.min_area_px
                 && strong >= (r.area / 12).max(4)
                 && (!whole || holes::is_solid(r, &self.raster))
@@ -394,7 +409,7 @@ impl MotionStage {
             self.objects.push(Object { moves, ghost: steps.is_ghost(), region });
         }
         self.remove_ghosts();
-        self.keep_only_objects_in_mask();
+        self.draw_objects();
     }
 
     /// What the tracker sees.
@@ -436,7 +451,7 @@ impl MotionStage {
             let patch = Patch { arc: object.region.arc, rows: object.region.rows };
             if object.moves {
                 fill(&mut self.how, &patch, MARGIN, &rows, kernel::LEARN_SLOWLY, &self.raster);
-                fill(&mut self.moved_ds, &patch, MARGIN, &(0..self.raster.height), now_ds, &self.raster);
+                fill(&mut self.moved_ds, &patch, MARGIN, &rows, now_ds, &self.raster);
             } else {
                 // Slowly at first: what has just stopped may go on.
                 for (row, start, len) in object.region.spans().filter(|(row, _, _)| rows.contains(row)) {
@@ -474,17 +489,16 @@ impl MotionStage {
         }
         self.take(picture, capture);
         (self.state, self.motion) = (BackgroundState::Ready, Motion::Standing);
-        self.mask.fill(0);
         self.magnitude.fill(0);
         self.objects.clear();
         for region in boxes.iter().take(MAX_OBJECTS).filter_map(|xywh| Region::of_box(*xywh, &self.raster)) {
             for (row, start, len) in region.spans() {
                 let pixels = row * self.raster.width + start..row * self.raster.width + start + len;
-                self.mask[pixels.clone()].fill(1);
                 self.magnitude[pixels].fill(u8::MAX);
             }
             self.objects.push(Object { region, moves: true, ghost: false });
         }
+        self.draw_objects();
         Ok(Change { motion: self.motion, background: self.state, alarm: None })
     }
 
@@ -518,9 +532,10 @@ impl MotionStage {
     /// Bytes held for pictures and background; the same in every frame once the background is ready.
     pub fn memory_bytes(&self) -> usize {
         let bytes = [&self.valid, &self.picture, &self.before, &self.previous, &self.first, &self.magnitude];
-        let marks = [&self.faint, &self.strong, &self.mask, &self.upright, &self.low, &self.how];
-        let pictures: usize = bytes.into_iter().chain(marks).map(Vec::capacity).sum();
-        pictures + size_of_val(&*self.moved_ds) + self.background.memory_bytes() + self.majority.memory_bytes()
+        let pictures: usize = bytes.into_iter().chain([&self.mask, &self.how]).map(Vec::capacity).sum();
+        let marks = [&self.valid_marks, &self.faint, &self.strong, &self.solid, &self.upright, &self.low];
+        let marks: usize = marks.map(Marks::memory_bytes).iter().sum();
+        pictures + marks + size_of_val(&*self.moved_ds) + self.background.memory_bytes() + self.majority.memory_bytes()
     }
 
     /// Takes a picture; keeps the one before and the one that (6-1) compares with: at least `GATE_SPACING_S` old, so that a fast
@@ -582,30 +597,31 @@ impl MotionStage {
         let Background { level, noise, .. } = &self.background;
         self.gain = gain::common_gain(&self.picture, level, &self.valid, self.gain);
         let exposure_q15 = gain::inverse_q15(self.gain);
+        let (width, stride) = (self.raster.width, self.faint.stride());
         let mut differing = 0;
-        // In bands, so that what follows on a band finds it in the cache.
         for band in 0..self.raster.height.div_ceil(halo::CELL) {
-            let first = band * halo::CELL * self.raster.width;
-            let pixels = first..(first + halo::CELL * self.raster.width).min(self.raster.len());
-            let magnitude = &mut self.magnitude[pixels.clone()];
-            let (faint_marks, strong_marks) = (&mut self.faint[pixels.clone()], &mut self.strong[pixels.clone()]);
-            kernel::mark_changes(
-                &self.picture[pixels.clone()],
-                exposure_q15,
-                &level[pixels.clone()],
-                &noise[pixels.clone()],
-                faint,
-                strong,
-                magnitude,
-                faint_marks,
-                strong_marks,
-            );
-            if self.partly_valid[band] {
-                kernel::keep_valid(&self.valid[pixels.clone()], faint_marks, strong_marks);
+            let most = self.halo.band();
+            for y in band * halo::CELL..((band + 1) * halo::CELL).min(self.raster.height) {
+                let (pixels, words) = (y * width..(y + 1) * width, y * stride..(y + 1) * stride);
+                let row = kernel::Compared {
+                    picture: &self.picture[pixels.clone()],
+                    exposure_q15,
+                    background: &level[pixels.clone()],
+                    noise: &noise[pixels.clone()],
+                    floors: [faint, strong],
+                };
+                let faint = &mut self.faint.words_mut()[words.clone()];
+                let strong = &mut self.strong.words_mut()[words];
+                kernel::mark_changes(row, &mut self.magnitude[pixels.clone()], most, faint, strong);
+                if self.partly_valid[band] {
+                    for ((f, s), v) in faint.iter_mut().zip(strong.iter_mut()).zip(self.valid_marks.row(y)) {
+                        (*f, *s) = (*f & v, *s & v);
+                    }
+                }
+                self.background.forgive_known(&self.picture, exposure_q15, pixels.start, width, faint, strong);
+                differing += strong.iter().map(|s| s.count_ones() as usize).sum::<usize>();
             }
-            self.halo.note(band, magnitude);
-            self.background.forgive_known(&self.picture, exposure_q15, pixels, faint_marks, strong_marks);
-            differing += kernel::count_ones(strong_marks);
+            self.halo.note(band);
         }
         if self.learnt.is_multiple_of(NOISE_FRAMES) {
             self.update_noise_sigma();
@@ -643,12 +659,13 @@ impl MotionStage {
     fn group_bodies(&mut self) -> Vec<Region> {
         let (gap, share) = (self.settings.gap, self.settings.max_gap_share);
         let least = self.settings.min_area_px / 4 + 1;
-        let together =
-            |mask: &[u8], raster: &Raster| bodies::join_fragments(group(mask, raster, gap, least), raster, share);
-        let Some(row) = self.settings.upright_row else { return together(&self.mask, &self.raster) };
-        floor::split(&self.mask, row, &self.raster, &mut self.upright, &mut self.low);
-        let mut regions = together(&self.upright, &self.raster);
-        let low = together(&self.low, &self.raster);
+        let (grouping, raster) = (&mut self.grouping, &self.raster);
+        let mut together =
+            |mask: &Marks| bodies::join_fragments(grouping.group(mask, raster, gap, least), raster, share);
+        let Some(row) = self.settings.upright_row else { return together(&self.solid) };
+        floor::split(&self.solid, row, raster, &mut self.upright, &mut self.low);
+        let mut regions = together(&self.upright);
+        let low = together(&self.low);
         let is_shadow = |r: &Region| floor::is_darker(r, &self.picture, &self.background.level, &self.raster);
         regions.extend(low.into_iter().filter(|r| !is_shadow(r)));
         regions
@@ -671,9 +688,9 @@ impl MotionStage {
         for (patch, _) in seen.iter().filter(|(p, n)| believed(p, *n)) {
             for row in patch.rows[0]..=patch.rows[1] {
                 for offset in 0..patch.arc.width {
-                    let i = row * self.raster.width + self.raster.column(patch.arc.start, offset);
-                    if self.mask[i] != 0 {
-                        self.background.absorb(&self.picture, i, 1);
+                    let column = self.raster.column(patch.arc.start, offset);
+                    if self.solid.is_marked(column, row) {
+                        self.background.absorb(&self.picture, row * self.raster.width + column, 1);
                     }
                 }
             }
@@ -686,13 +703,16 @@ impl MotionStage {
         self.ghosts = seen;
     }
 
-    fn keep_only_objects_in_mask(&mut self) {
-        self.mask.fill(0);
-        for object in &self.objects {
-            for (row, start, len) in object.region.spans() {
-                self.mask[row * self.raster.width + start..][..len].fill(1);
-            }
-        }
+    /// Draws the objects, and nothing else, into the mask.
+    fn draw_objects(&mut self) {
+        let (mask, width) = (&mut self.mask, self.raster.width);
+        let mut fill = |run: &Run, value: u8| {
+            mask[run.row as usize * width + run.start as usize..][..run.len as usize].fill(value);
+        };
+        self.drawn.iter().for_each(|run| fill(run, 0));
+        self.drawn.clear();
+        self.drawn.extend(self.objects.iter().flat_map(|o| &o.region.runs));
+        self.drawn.iter().for_each(|run| fill(run, 1));
     }
 }
 
@@ -716,10 +736,6 @@ fn anchor<'a>(state: BackgroundState, background: &'a Background, first: &'a [u8
         BackgroundState::Ready => Some(Anchor::Background(&background.level)),
         _ => (!first.is_empty()).then_some(Anchor::Picture(first)),
     }
-}
-
-fn count_in(region: &Region, marks: &[u8], width: usize) -> usize {
-    region.spans().map(|(row, start, len)| kernel::count_ones(&marks[row * width + start..][..len])).sum()
 }
 
 /// Sets the pixels of a patch, grown by a margin, in some rows.

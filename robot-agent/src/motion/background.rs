@@ -20,6 +20,7 @@ use std::ops::Range;
 use protocol::time::Timestamp;
 
 use super::kernel;
+use super::marks::WORD;
 
 /// How a background comes about.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -57,7 +58,8 @@ pub struct Background {
     second: Vec<u16>,
     seen: Vec<u8>,
     seen_second: Vec<u8>,
-    second_is_known: Vec<u8>,
+    /// Marked where the second look was the background before, 64 pixels a word.
+    known: Vec<u64>,
     /// Whether any second look may be known.
     any_known: bool,
     /// Frames collected for the median; empty once it is there.
@@ -80,7 +82,7 @@ impl Background {
             second: vec![0; looks],
             seen: vec![0; looks],
             seen_second: vec![0; looks],
-            second_is_known: vec![0; looks],
+            known: vec![0; looks.div_ceil(LOOKS)],
             any_known: false,
             stack: Vec::new(),
             arrived: 0,
@@ -104,9 +106,10 @@ impl Background {
     /// Bytes held.
     pub(super) fn memory_bytes(&self) -> usize {
         let wide = [&self.level, &self.noise, &self.second].map(|v| size_of_val(&**v));
-        let narrow = [&self.seen, &self.seen_second, &self.second_is_known].map(Vec::len);
+        let narrow = [&self.seen, &self.seen_second].map(Vec::len);
+        let known = size_of_val(&*self.known);
         let stack: usize = self.stack.iter().map(Vec::len).sum();
-        wide.iter().sum::<usize>() + narrow.iter().sum::<usize>() + stack
+        wide.iter().sum::<usize>() + narrow.iter().sum::<usize>() + known + stack
     }
 
     /// Grey levels, rounded.
@@ -178,7 +181,7 @@ impl Background {
         self.stack.clear();
         self.seen.fill(BOOTSTRAP_SEEN);
         self.seen_second.fill(0);
-        self.second_is_known.fill(0);
+        self.known.fill(0);
         self.any_known = false;
         self.ready = true;
     }
@@ -204,35 +207,53 @@ impl Background {
             // Half of them a round, for the processor's sake. Where somebody is followed time goes slower: whoever
             // stops stays an object, a ghost that is taken for somebody still goes.
             let also_kept = (round / 2).is_multiple_of(KEPT_SLOWNESS);
-            let middle = usize::midpoint(pixels.start, pixels.end);
-            let half = if round.is_multiple_of(2) { pixels.start..middle } else { middle..pixels.end };
+            let counting = kernel::Counting { also_kept, most: MOST_SEEN, lead: LEAD };
+            // In whole words of marks; the last may reach a few pixels into what has its turn later.
+            let (first, end) = (pixels.start.div_ceil(LOOKS), pixels.end.div_ceil(LOOKS));
+            let middle = usize::midpoint(first, end);
+            let words = if round.is_multiple_of(2) { first..middle } else { middle..end };
+            let half = words.start * LOOKS..(words.end * LOOKS).min(picture.len());
             let mut looks = kernel::Looks {
                 level: &mut self.level[half.clone()],
                 second: &mut self.second[half.clone()],
                 seen: &mut self.seen[half.clone()],
                 seen_second: &mut self.seen_second[half.clone()],
-                second_is_known: &mut self.second_is_known[half.clone()],
+                known: &mut self.known[words],
             };
             let (picture, how, noise) = (&picture[half.clone()], &how[half.clone()], &self.noise[half]);
-            self.any_known |=
-                kernel::count_looks(picture, exposure_q15, how, noise, also_kept, MOST_SEEN, LEAD, &mut looks);
+            self.any_known |= kernel::count_looks(picture, exposure_q15, how, noise, counting, &mut looks);
         }
     }
 
-    /// Takes away marks where the picture shows what was the background before.
-    /// `faint` and `strong` are those of `pixels`.
+    /// Takes away the marks of a row, which begins with pixel `first`, where the picture shows what was the background before.
     pub(super) fn forgive_known(
         &self,
         picture: &[u8],
         exposure_q15: u16,
-        pixels: Range<usize>,
-        faint: &mut [u8],
-        strong: &mut [u8],
+        first: usize,
+        width: usize,
+        faint: &mut [u64],
+        strong: &mut [u64],
     ) {
-        if self.any_known {
-            let second = &self.second[pixels.clone()];
-            let layers = kernel::Layers { second, second_is_known: &self.second_is_known[pixels.clone()] };
-            kernel::forgive_known(&picture[pixels.clone()], exposure_q15, &self.noise[pixels], layers, faint, strong);
+        if !self.any_known {
+            return;
+        }
+        for (w, (faint, strong)) in faint.iter_mut().zip(strong).enumerate() {
+            let start = first + w * WORD;
+            let (word, bit) = (start / LOOKS, start % LOOKS);
+            let mut known = self.known[word] >> bit;
+            if bit > 0 {
+                known |= self.known.get(word + 1).map_or(0, |next| next << (LOOKS - bit));
+            }
+            // A few marks among known pixels are noise.
+            if (known & *faint).count_ones() < FEW_KNOWN {
+                continue;
+            }
+            let pixels = start..(start + WORD).min(first + width);
+            let layers = kernel::Layers { second: &self.second[pixels.clone()], known };
+            let forgiven = kernel::known_look(&picture[pixels.clone()], exposure_q15, &self.noise[pixels], layers);
+            *faint &= !forgiven;
+            *strong &= !forgiven;
         }
     }
 
@@ -242,12 +263,17 @@ impl Background {
             self.level[i] = u16::from(gray) << 8;
             if let Some(seen) = self.seen.get_mut(i) {
                 // What was there is no background: it is not kept as a known look.
-                (*seen, self.seen_second[i], self.second_is_known[i]) = ((*seen).max(GHOST_SEEN), 0, 0);
+                (*seen, self.seen_second[i]) = ((*seen).max(GHOST_SEEN), 0);
+                self.known[i / LOOKS] &= !(1 << (i % LOOKS));
             }
         }
     }
 }
 
+/// Pixels of a word of `known`.
+const LOOKS: usize = 64;
+/// Marks of a word among known pixels that are noise.
+const FEW_KNOWN: u32 = 6;
 /// What a bootstrap counts for, in pairs of frames as all counts here: something else that stays for a second replaces it.
 const BOOTSTRAP_SEEN: u8 = 3;
 /// What a background counts for that was found by removing a ghost.

@@ -4,8 +4,11 @@
 //! near the noise, while noise alone marks a tenth. Counting marks in a window separates the two by many standard
 //! deviations, and asking for *half* of the window keeps edges where they are (it is the binary median), so bodies are
 //! found whole without growing.
+//!
+//! The counts are kept in planes: plane p holds bit p of the count of each pixel, 64 pixels a word (see `kernel::planes`).
 
-use super::kernel;
+use super::kernel::{self, COLUMN_PLANES, PLANES};
+use super::marks::{Marks, WORD};
 use super::raster::Raster;
 
 /// Windowed majority with its working memory.
@@ -13,75 +16,165 @@ use super::raster::Raster;
 pub(crate) struct Majority {
     raster: Raster,
     reach: [usize; 2],
-    /// Least number of marks in the window of each pixel: half of the window's valid pixels, rounded up.
-    need: Vec<u8>,
-    /// Of each row, where it is the same in all columns.
-    alike: Vec<Option<u8>>,
-    sums: Vec<u8>,
-    padded: Vec<u8>,
-    zeros: Vec<u8>,
+    stride: usize,
+    /// Least number of marks in the window of each pixel: half of the window's valid pixels, rounded up. In planes, rows that
+    /// are the same in the picture stored once.
+    need: Vec<u64>,
+    /// Where in `need` a row's planes begin.
+    need_of_row: Vec<usize>,
+    /// Marks in the window's rows, a column each, in planes of `stride` + 2 words: a word before and one after.
+    columns: Vec<u64>,
+    zeros: Vec<u64>,
 }
 
 impl Majority {
-    /// For windows of (2·reach[0] + 1) × (2·reach[1] + 1) pixels, at most 255; `valid` is 0 or 1.
+    /// For windows of (2·reach[0] + 1) × (2·reach[1] + 1) pixels, each reach at most 5; `valid` is 0 or 1.
     pub(crate) fn new(raster: Raster, reach: [usize; 2], valid: &[u8]) -> Self {
+        let stride = raster.width.div_ceil(WORD);
         let mut majority = Self {
             raster,
             reach,
-            need: vec![0; raster.len()],
-            alike: Vec::new(),
-            sums: vec![0; raster.width],
-            padded: vec![0; raster.width + 2 * reach[0]],
-            zeros: vec![0; raster.width],
+            stride,
+            need: Vec::new(),
+            need_of_row: Vec::new(),
+            columns: vec![0; COLUMN_PLANES * (stride + 2)],
+            zeros: vec![0; stride],
         };
+        let mut before = Vec::new();
+        let mut sums = vec![0u32; raster.width];
         for y in 0..raster.height {
-            for x in 0..raster.width {
-                let mut count = 0u32;
-                for dy in y.saturating_sub(reach[1])..(y + reach[1] + 1).min(raster.height) {
-                    for dx in 0..=2 * reach[0] {
-                        let column = (x + dx) as isize - reach[0] as isize;
-                        let w = raster.width as isize;
-                        let column = if raster.wraps { column.rem_euclid(w) } else { column };
-                        if (0..w).contains(&column) {
-                            count += u32::from(valid[dy * raster.width + column as usize]);
-                        }
-                    }
+            sums.fill(0);
+            for row in y.saturating_sub(reach[1])..(y + reach[1] + 1).min(raster.height) {
+                for (s, &v) in sums.iter_mut().zip(&valid[row * raster.width..]) {
+                    *s += u32::from(v);
                 }
-                majority.need[y * raster.width + x] = (count / 2 + 1) as u8;
+            }
+            let need = majority.need_of(&sums);
+            if need != before {
+                majority.need_of_row.push(majority.need.len());
+                majority.need.extend_from_slice(&need);
+                before = need;
+            } else {
+                majority.need_of_row.push(majority.need.len() - need.len());
             }
         }
-        let rows = majority.need.chunks_exact(raster.width);
-        majority.alike = rows.map(|row| row.iter().all(|n| *n == row[0]).then_some(row[0])).collect();
         majority
+    }
+
+    /// The needs of a row in planes, from the valid pixels of the window's rows in each column.
+    fn need_of(&self, sums: &[u32]) -> Vec<u64> {
+        let width = self.raster.width as isize;
+        let reach = self.reach[0] as isize;
+        let mut planes = vec![0u64; PLANES * self.stride];
+        for x in 0..width {
+            let window = (x - reach..=x + reach)
+                .map(|column| if self.raster.wraps { column.rem_euclid(width) } else { column })
+                .filter(|column| (0..width).contains(column));
+            let need = window.map(|column| sums[column as usize]).sum::<u32>() / 2 + 1;
+            let (word, bit) = (x as usize / WORD, x as usize % WORD);
+            for p in 0..PLANES {
+                planes[p * self.stride + word] |= u64::from(need >> p & 1) << bit;
+            }
+        }
+        planes
     }
 
     /// Bytes held.
     pub(crate) fn memory_bytes(&self) -> usize {
-        self.need.len() + size_of_val(&*self.alike) + self.sums.len() + self.padded.len() + self.zeros.len()
+        [&self.need, &self.columns, &self.zeros].map(|v| size_of_val(&**v)).iter().sum::<usize>()
+            + size_of_val(&*self.need_of_row)
     }
 
-    /// `out` = 1 where more than half of the window's valid pixels are marked.
-    pub(crate) fn apply(&mut self, marks: &[u8], out: &mut [u8]) {
+    /// `out` is marked where more than half of the window's valid pixels are.
+    pub(super) fn apply(&mut self, marks: &Marks, out: &mut Marks) {
         let Raster { width, height, wraps } = self.raster;
         let [rx, ry] = self.reach;
-        let row = |y: usize| &marks[y * width..(y + 1) * width];
-        self.sums.fill(0);
+        let stride = self.stride;
+        self.columns.fill(0);
         for y in 0..ry.min(height) {
-            kernel::slide_column_sums(row(y), &self.zeros, &mut self.sums);
+            kernel::slide_counts(marks.row(y), &self.zeros, &mut self.columns);
         }
         for y in 0..height {
-            let enter = if y + ry < height { row(y + ry) } else { &self.zeros };
-            let leave = if y > ry { row(y - ry - 1) } else { &self.zeros };
-            kernel::slide_column_sums(enter, leave, &mut self.sums);
-            self.padded[rx..rx + width].copy_from_slice(&self.sums);
-            if wraps {
-                self.padded[..rx].copy_from_slice(&self.sums[width - rx..]);
-                self.padded[rx + width..].copy_from_slice(&self.sums[..rx]);
+            let enter = if y + ry < height { marks.row(y + ry) } else { &self.zeros };
+            let leave = if y > ry { marks.row(y - ry - 1) } else { &self.zeros };
+            kernel::slide_counts(enter, leave, &mut self.columns);
+            for plane in self.columns.chunks_exact_mut(stride + 2) {
+                close_ring(plane, width, wraps, rx);
             }
-            let range = y * width..(y + 1) * width;
-            match self.alike[y] {
-                Some(need) => kernel::threshold_row_sums_alike(&self.padded, rx, need, &mut out[range]),
-                None => kernel::threshold_row_sums(&self.padded, rx, &self.need[range.clone()], &mut out[range]),
+            let need = &self.need[self.need_of_row[y]..][..PLANES * stride];
+            let row = &mut out.words_mut()[y * stride..][..stride];
+            kernel::majority_of_counts(&self.columns, rx, need, row);
+            if !width.is_multiple_of(WORD) {
+                row[stride - 1] &= (1 << (width % WORD)) - 1;
+            }
+            for plane in self.columns.chunks_exact_mut(stride + 2) {
+                open_ring(plane, width);
+            }
+        }
+    }
+}
+
+/// Copies the last `reach` columns before the first one and the first ones behind the last one, on a ring. `row` has a word
+/// before and one after its columns.
+fn close_ring(row: &mut [u64], width: usize, wraps: bool, reach: usize) {
+    if !wraps {
+        return;
+    }
+    let bit = |row: &[u64], x: usize| row[1 + x / WORD] >> (x % WORD) & 1;
+    for k in 0..reach {
+        row[0] |= bit(row, width - reach + k) << (WORD - reach + k);
+        let x = width + k;
+        row[1 + x / WORD] |= bit(row, k) << (x % WORD);
+    }
+}
+
+/// Takes away what [`close_ring`] wrote.
+fn open_ring(row: &mut [u64], width: usize) {
+    row[0] = 0;
+    let words = width.div_ceil(WORD);
+    row[1 + words] = 0;
+    if !width.is_multiple_of(WORD) {
+        row[words] &= (1 << (width % WORD)) - 1;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use rand::{Rng, SeedableRng};
+
+    use super::*;
+
+    #[test]
+    fn the_majority_is_that_of_counting_each_window() {
+        let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(5);
+        for (width, wraps, reach) in
+            [(130, true, [2, 3]), (64, true, [5, 5]), (150, false, [2, 3]), (17, true, [1, 1]), (100, false, [5, 1])]
+        {
+            let raster = Raster { width, height: 20, wraps };
+            let bytes: Vec<u8> = (0..raster.len()).map(|_| u8::from(rng.next_u32() % 5 < 2)).collect();
+            let valid: Vec<u8> = (0..raster.len()).map(|_| u8::from(rng.next_u32() % 9 > 0)).collect();
+            let marks: Vec<u8> = bytes.iter().zip(&valid).map(|(b, v)| b & v).collect();
+            let mut out = Marks::new(raster);
+            let mut majority = Majority::new(raster, reach, &valid);
+            for _ in 0..2 {
+                majority.apply(&Marks::of_bytes(&marks, raster), &mut out);
+            }
+            for y in 0..raster.height {
+                for x in 0..width {
+                    let (mut marked, mut tested) = (0, 0);
+                    for row in y.saturating_sub(reach[1])..(y + reach[1] + 1).min(raster.height) {
+                        for dx in -(reach[0] as isize)..=reach[0] as isize {
+                            let column = x as isize + dx;
+                            let column = if wraps { column.rem_euclid(width as isize) } else { column };
+                            if (0..width as isize).contains(&column) {
+                                let i = row * width + column as usize;
+                                marked += u32::from(marks[i]);
+                                tested += u32::from(valid[i]);
+                            }
+                        }
+                    }
+                    assert_eq!(out.is_marked(x, y), marked > tested / 2, "{width} {reach:?}: {x} {y}");
+                }
             }
         }
     }

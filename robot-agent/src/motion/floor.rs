@@ -6,44 +6,43 @@
 //! throw shadows on walls, too, shaped like people; those show the wall's own texture.
 
 use super::kernel;
+use super::marks::{Marks, WORD};
 use super::raster::Raster;
 use super::regions::Region;
 
-/// Pixels above the horizon that make a column a body's.
-const LEAST_ABOVE: u32 = 3;
 /// Columns beside a body's that still belong to it: feet.
 const MARGIN: usize = 2;
 
-/// Splits a mask into upright bodies and low things; `row` is the first row below the horizon.
-pub(super) fn split(mask: &[u8], row: usize, raster: &Raster, upright: &mut [u8], low: &mut [u8]) {
+/// Splits a mask into upright bodies and low things. Three pixels above the horizon make a column a body's; `row` is the first row below the horizon.
+pub(super) fn split(mask: &Marks, row: usize, raster: &Raster, upright: &mut Marks, low: &mut Marks) {
     let Raster { width, height, wraps } = *raster;
     let row = row.min(height);
-    let mut above = vec![0u32; width];
-    for line in mask[..row * width].chunks_exact(width) {
-        for (a, &m) in above.iter_mut().zip(line) {
-            *a += u32::from(m);
+    let stride = mask.stride();
+    // Marks of each column above the horizon, up to three, in two planes.
+    let (mut ones, mut twos) = (vec![0u64; stride], vec![0u64; stride]);
+    for y in 0..row {
+        for ((one, two), &m) in ones.iter_mut().zip(&mut twos).zip(mask.row(y)) {
+            let carry = *one & m;
+            (*one, *two) = ((*one ^ m) | (*two & carry), *two | carry);
         }
     }
-    let mut body = vec![0u8; width];
-    for (x, _) in above.iter().enumerate().filter(|(_, a)| **a >= LEAST_ABOVE) {
+    let is_body = |x: usize| ones[x / WORD] & twos[x / WORD] & 1 << (x % WORD) != 0;
+    let mut body = vec![0u64; stride];
+    for x in (0..width).filter(|x| is_body(*x)) {
         for offset in 0..=2 * MARGIN {
             let column = x + offset;
-            if wraps {
-                body[(column + width - MARGIN) % width] = 1;
-            } else if column >= MARGIN && column - MARGIN < width {
-                body[column - MARGIN] = 1;
+            let column = if wraps { (column + width - MARGIN) % width } else { column.wrapping_sub(MARGIN) };
+            if column < width {
+                body[column / WORD] |= 1 << (column % WORD);
             }
         }
     }
-    upright.copy_from_slice(mask);
-    low.fill(0);
-    for y in row..height {
-        let line = y * width..(y + 1) * width;
-        let columns = mask[line.clone()].iter().zip(&body);
-        for ((u, l), (&m, &b)) in upright[line.clone()].iter_mut().zip(&mut low[line]).zip(columns) {
-            *u = m & b;
-            *l = m & !b & 1;
-        }
+    upright.words_mut().copy_from_slice(mask.words());
+    low.words_mut().fill(0);
+    let below = row * stride..height * stride;
+    let words = upright.words_mut()[below.clone()].iter_mut().zip(&mut low.words_mut()[below]);
+    for ((u, l), body) in words.zip(body.iter().cycle()) {
+        (*u, *l) = (*u & body, *u & !body);
     }
 }
 

@@ -5,6 +5,8 @@
 
 use std::ops::Range;
 
+use super::kernel;
+
 /// Largest correction at once, as a factor up or down; what is beyond is an event, not exposure.
 const LIMIT: f64 = 1.3;
 /// Largest change from one frame to the next of a correction that has grown beyond it: dusk, a slow exposure.
@@ -31,13 +33,13 @@ pub(super) fn sample(len: usize) -> impl Iterator<Item = Range<usize>> {
 pub(super) fn common_gain(picture: &[u8], background: &[u16], valid: &[u8], before: f64) -> f64 {
     let mut counts = [0u16; 2 * BINS];
     let mut n = 0u32;
+    let mut bins = [0u16; RUN];
     for run in sample(picture.len()) {
-        for ((&c, &b), &v) in picture[run.clone()].iter().zip(&background[run.clone()]).zip(&valid[run]) {
-            if v != 0 && b >= MIN_LEVEL && c < 250 {
-                let bin = f32::from(c) / f32::from(b) * (256 * BINS) as f32;
-                counts[(bin as usize).min(2 * BINS - 1)] += 1;
-                n += 1;
-            }
+        let bins = &mut bins[..run.len()];
+        kernel::ratio_bins(&picture[run.clone()], &background[run.clone()], &valid[run], MIN_LEVEL, BINS as u16, bins);
+        for &bin in bins.iter().filter(|bin| **bin != u16::MAX) {
+            counts[usize::from(bin)] += 1;
+            n += 1;
         }
     }
     if n < 50 {

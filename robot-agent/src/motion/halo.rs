@@ -4,6 +4,7 @@
 //! neighbours). Beside somebody in black that trims the halo; of somebody dressed like the wall it takes nothing.
 
 use super::kernel;
+use super::marks::{Marks, WORD};
 use super::raster::Raster;
 
 /// Side of a cell, pixels.
@@ -28,19 +29,22 @@ impl Halo {
         Self { raster, cells, maxima, column: vec![0; cells[0]], row: vec![0; cells[0] * CELL] }
     }
 
-    /// Takes note of the changes in a band of [`CELL`] rows.
-    pub(crate) fn note(&mut self, band: usize, magnitude: &[u8]) {
+    /// The strongest change of each column of a band of [`CELL`] rows so far: to be raised while the band is marked, and then
+    /// noted. As many as there are columns at least.
+    pub(super) fn band(&mut self) -> &mut [u8] {
         self.row.fill(0);
-        for row in magnitude.chunks_exact(self.raster.width) {
-            kernel::raise(row, &mut self.row);
-        }
+        &mut self.row
+    }
+
+    /// Takes note of what a band's columns came to.
+    pub(super) fn note(&mut self, band: usize) {
         let columns = self.cells[0];
-        kernel::largest_of_eights(&mut self.row, &mut self.maxima[band * columns..][..columns]);
+        kernel::largest_of_eights(&mut self.row[..columns * CELL], &mut self.maxima[band * columns..][..columns]);
     }
 
     /// Takes away marks whose `magnitude` (grey levels) is below `share_q8` / 256 of the strongest nearby, after all bands were
     /// noted. No mark has a magnitude below `least`.
-    pub(crate) fn trim(&mut self, magnitude: &[u8], share_q8: u8, least: u8, marks: &mut [u8]) {
+    pub(super) fn trim(&mut self, magnitude: &[u8], share_q8: u8, least: u8, marks: &mut Marks) {
         let Raster { width, height, wraps } = self.raster;
         let [columns, rows] = self.cells;
         for band in 0..rows {
@@ -69,16 +73,18 @@ impl Halo {
                 let most = self.column[left].max(self.column[x]).max(self.column[right]);
                 self.row[x * CELL..][..CELL].fill(threshold(most));
             }
-            // Stretches in which something is to be taken away.
-            let mut x = 0;
-            while let Some(start) = (x..columns).find(|&x| self.row[x * CELL] > least) {
-                let end = (start..columns).find(|&x| self.row[x * CELL] <= least).unwrap_or(columns);
-                let cells = start * CELL..(end * CELL).min(width);
-                for y in band * CELL..((band + 1) * CELL).min(height) {
-                    let pixels = y * width + cells.start..y * width + cells.end;
-                    kernel::keep_at_least(&magnitude[pixels.clone()], &self.row[cells.clone()], &mut marks[pixels]);
+            for word in 0..marks.stride() {
+                let columns = word * WORD..((word + 1) * WORD).min(width);
+                // Where something is to be taken away.
+                if self.row[columns.clone()].iter().step_by(CELL).all(|most| *most <= least) {
+                    continue;
                 }
-                x = end;
+                for y in band * CELL..((band + 1) * CELL).min(height) {
+                    let pixels = y * width + columns.start..y * width + columns.end;
+                    let stride = marks.stride();
+                    marks.words_mut()[y * stride + word] &=
+                        kernel::at_least(&magnitude[pixels], &self.row[columns.clone()]);
+                }
             }
         }
     }

@@ -12,20 +12,26 @@ const LEAST_FILLED: f64 = 0.5;
 
 /// The region with its holes filled.
 pub(super) fn filled(region: Region, raster: &Raster) -> Region {
+    if !region.runs.windows(2).any(|pair| pair[0].row == pair[1].row) {
+        return region;
+    }
     let width = raster.width;
     let (arc, offset_of) = (region.arc, |start: usize| (start + width - region.arc.start) % width);
     // First and last row in each column.
-    let mut top = vec![usize::MAX; arc.width];
-    let mut bottom = vec![0usize; arc.width];
+    let mut top = vec![u32::MAX; arc.width];
+    let mut bottom = vec![0u32; arc.width];
     for (row, start, len) in region.spans() {
         let offset = offset_of(start);
         let columns = offset.min(arc.width)..(offset + len).min(arc.width);
-        top[columns.clone()].iter_mut().for_each(|t| *t = (*t).min(row));
-        bottom[columns].iter_mut().for_each(|b| *b = row);
+        // Rows come from top to bottom.
+        top[columns.clone()].iter_mut().for_each(|t| *t = (*t).min(row as u32));
+        bottom[columns].fill(row as u32);
     }
     let mut holes: Vec<Run> = Vec::new();
     for_gaps(&region, raster, |row, gap| {
-        if gap.clone().all(|x| top[x] < row && bottom[x] > row) {
+        let ends = top[gap.clone()].iter().zip(&bottom[gap.clone()]);
+        let open = ends.fold(false, |open, (t, b)| open | (*t >= row as u32) | (*b <= row as u32));
+        if !open {
             let start = (arc.start + gap.start) % width;
             let first = gap.len().min(width - start);
             let run = |start: usize, len: usize| Run { row: row as u32, start: start as u32, len: len as u32 };
@@ -40,7 +46,8 @@ pub(super) fn filled(region: Region, raster: &Raster) -> Region {
     }
     let mut runs = region.runs;
     runs.extend(holes);
-    runs.sort_unstable_by_key(|r| (r.row, r.start));
+    // Both were in order: such a sort merges them.
+    runs.sort_by_key(|r| (r.row, r.start));
     // Neighbours become one.
     runs.dedup_by(|next, run| {
         let touch = run.row == next.row && run.start + run.len == next.start;

@@ -1,18 +1,22 @@
 //! The loops over pixels: plain functions over slices whose lengths the caller has made equal. Written so that the
 //! compiler vectorises them: no branches on data, no allocation, one element of each slice a step.
 //!
-//! `wide!` compiles each of them twice from one source, for any processor and for x86-64 with AVX2, and takes the second where the
-//! processor has it. Both are the same integer arithmetic, so the plain one is the oracle of the other.
+//! `wide!` compiles each of them three times from one source, for any processor and for x86-64 with AVX2 and with AVX-512, and
+//! takes the last that the processor has. All are the same integer arithmetic, so the plain one is the oracle of the others.
+
+use std::sync::OnceLock;
 
 mod learn;
 mod mark;
 mod median;
+mod planes;
 
-pub use learn::{KEEP, LEARN, LEARN_SLOWLY, Looks, count_looks, learn};
-pub use mark::{INDOOR_NOISE_MAX, Layers, NOISE_MAX, count_differences, forgive_known, keep_valid, mark_changes};
+pub use learn::{Counting, KEEP, LEARN, LEARN_SLOWLY, Looks, count_looks, learn};
+pub use mark::{Compared, INDOOR_NOISE_MAX, Layers, NOISE_MAX, count_differences, known_look, mark_changes};
 pub use median::median;
+pub use planes::{COLUMN_PLANES, PLANES, majority_of_counts, slide_counts};
 
-/// Compiles a function for any processor and for AVX2, and calls the best that this one has.
+/// Compiles a function for any processor, for AVX2 and for AVX-512, and calls the best that this one has.
 macro_rules! wide {
     ($(#[$meta:meta])* $vis:vis fn $name:ident($($argument:ident: $kind:ty),* $(,)?) $(-> $result:ty)? $body:block) => {
         $(#[$meta])*
@@ -27,9 +31,17 @@ macro_rules! wide {
                 fn avx2($($argument: $kind),*) $(-> $result)? {
                     plain($($argument),*)
                 }
-                if $crate::motion::kernel::has_avx2() {
+                #[target_feature(enable = "avx512f,avx512bw,avx512dq,avx512vl,avx512vbmi,avx2,bmi1,bmi2,lzcnt,popcnt")]
+                #[allow(clippy::too_many_arguments)]
+                fn avx512($($argument: $kind),*) $(-> $result)? {
+                    plain($($argument),*)
+                }
+                match $crate::motion::kernel::available() {
                     // SAFETY: the processor has these instructions.
-                    return unsafe { avx2($($argument),*) };
+                    $crate::motion::kernel::Level::Avx512 => return unsafe { avx512($($argument),*) },
+                    // SAFETY: the processor has these instructions.
+                    $crate::motion::kernel::Level::Avx2 => return unsafe { avx2($($argument),*) },
+                    $crate::motion::kernel::Level::Portable => {}
                 }
             }
             plain($($argument),*)
@@ -38,27 +50,47 @@ macro_rules! wide {
 }
 pub(crate) use wide;
 
-/// Whether the vectorised forms run here. In tests [`portable`] turns them off.
-#[cfg(target_arch = "x86_64")]
-#[inline]
-pub(crate) fn has_avx2() -> bool {
-    #[cfg(test)]
-    if PORTABLE.with(std::cell::Cell::get) {
-        return false;
-    }
-    std::arch::is_x86_feature_detected!("avx2")
-        && std::arch::is_x86_feature_detected!("bmi2")
-        && std::arch::is_x86_feature_detected!("lzcnt")
-        && std::arch::is_x86_feature_detected!("popcnt")
+/// Instructions that the loops are compiled for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub(crate) enum Level {
+    /// Any processor.
+    Portable,
+    /// x86-64 with AVX2.
+    Avx2,
+    /// x86-64 with AVX-512 on bytes.
+    Avx512,
 }
 
-/// Which instructions the loops run on here: "avx2" or "portable".
-pub fn level() -> &'static str {
+/// The best that this processor has, found once. In tests [`at_most`] limits it.
+#[inline(always)]
+pub(crate) fn available() -> Level {
+    static FOUND: OnceLock<Level> = OnceLock::new();
+    let found = *FOUND.get_or_init(detect);
+    #[cfg(test)]
+    let found = found.min(MOST.with(std::cell::Cell::get));
+    found
+}
+
+#[cold]
+fn detect() -> Level {
     #[cfg(target_arch = "x86_64")]
-    if has_avx2() {
-        return "avx2";
+    {
+        use std::arch::is_x86_feature_detected as has;
+        if has!("avx2") && has!("bmi1") && has!("bmi2") && has!("lzcnt") && has!("popcnt") {
+            let wider = has!("avx512f") && has!("avx512bw") && has!("avx512dq") && has!("avx512vl");
+            return if wider && has!("avx512vbmi") { Level::Avx512 } else { Level::Avx2 };
+        }
     }
-    "portable"
+    Level::Portable
+}
+
+/// Which instructions the loops run on here: "avx512", "avx2" or "portable".
+pub fn level() -> &'static str {
+    match available() {
+        Level::Avx512 => "avx512",
+        Level::Avx2 => "avx2",
+        Level::Portable => "portable",
+    }
 }
 
 /// A grey level in 8.8 fixed point times a factor (32768 is 1), saturating. Exact for a factor of 1.
@@ -74,17 +106,41 @@ fn tolerance(noise: u16) -> u16 {
     (noise * 4).max(1024)
 }
 
-/// Bit i is byte i of a block of zeros and ones.
+/// Bit i is the highest bit of byte i.
 #[inline(always)]
 pub(super) fn bits_of(block: &[u8; 64]) -> u64 {
-    // Multiplied, the eight ones of a word meet in its highest byte.
-    const GATHER: u64 = 0x0102_0408_1020_4080;
+    #[cfg(target_arch = "x86_64")]
+    {
+        use std::arch::x86_64::{_mm_loadu_si128, _mm_movemask_epi8};
+        let mut bits = 0;
+        for (i, bytes) in block.as_chunks::<16>().0.iter().enumerate() {
+            // SAFETY: every x86-64 processor has these instructions; 16 bytes are read of 16.
+            let sixteen = unsafe { _mm_movemask_epi8(_mm_loadu_si128(bytes.as_ptr().cast())) };
+            bits |= u64::from(sixteen as u16) << (16 * i);
+        }
+        bits
+    }
+    #[cfg(not(target_arch = "x86_64"))]
+    {
+        // Multiplied, the eight bits of a word meet in its highest byte.
+        const GATHER: u64 = 0x0102_0408_1020_4080;
+        const LOWEST: u64 = 0x0101_0101_0101_0101;
+        block.as_chunks::<8>().0.iter().enumerate().fold(0, |bits, (i, bytes)| {
+            let ones = u64::from_le_bytes(*bytes) >> 7 & LOWEST;
+            bits | (ones.wrapping_mul(GATHER) >> 56) << (8 * i)
+        })
+    }
+}
+
+/// The first values of a slice, as many as a block has, and zeros.
+#[inline(always)]
+pub(super) fn padded<T: Copy + Default>(values: &[T]) -> [T; 64] {
+    if let Some(whole) = values.first_chunk() {
+        return *whole;
+    }
+    let mut block = [T::default(); 64];
+    block[..values.len()].copy_from_slice(values);
     block
-        .as_chunks::<8>()
-        .0
-        .iter()
-        .enumerate()
-        .fold(0, |bits, (i, bytes)| bits | (u64::from_le_bytes(*bytes).wrapping_mul(GATHER) >> 56) << (8 * i))
 }
 
 wide! {
@@ -113,122 +169,48 @@ pub fn largest_of_eights(values: &mut [u8], out: &mut [u8]) {
 }
 
 wide! {
-/// Takes away marks where `values` is below `least`.
-pub fn keep_at_least(values: &[u8], least: &[u8], marks: &mut [u8]) {
-    for ((m, &v), &l) in marks.iter_mut().zip(values).zip(least) {
-        *m &= u8::from(v >= l);
+/// The first 64 pixels (fewer at the end) of which `values` is at least `least`.
+pub fn at_least(values: &[u8], least: &[u8]) -> u64 {
+    let (values, least) = (padded(values), padded(least));
+    let mut large = [0u8; 64];
+    for i in 0..64 {
+        large[i] = if values[i] >= least[i] { u8::MAX } else { 0 };
     }
+    bits_of(&large)
 }
 }
 
 wide! {
-/// `sums += values`, for as few rows that nothing overflows.
-pub fn add_row(values: &[u8], sums: &mut [u8]) {
-    for (s, &v) in sums.iter_mut().zip(values) {
-        *s = s.wrapping_add(v);
-    }
-}
-}
-
-wide! {
-/// One row of sums down the columns: `sums += enter − leave`.
-pub fn slide_column_sums(enter: &[u8], leave: &[u8], sums: &mut [u8]) {
-    let n = sums.len();
-    let (enter, leave) = (&enter[..n], &leave[..n]);
-    for i in 0..n {
-        sums[i] = sums[i].wrapping_add(enter[i]).wrapping_sub(leave[i]);
-    }
-}
-}
-
-wide! {
-/// `out[i]` = 1 where the sum of `padded[i ..= i + 2·reach]` is at least `need[i]`; `padded` has `2·reach` more elements.
-pub fn threshold_row_sums(padded: &[u8], reach: usize, need: &[u8], out: &mut [u8]) {
-    let n = out.len();
-    let need = &need[..n];
-    if reach == 2 {
-        let p = &padded[..n + 4];
-        for i in 0..n {
-            let sum = p[i].wrapping_add(p[i + 1]).wrapping_add(p[i + 2]).wrapping_add(p[i + 3]).wrapping_add(p[i + 4]);
-            out[i] = u8::from(sum >= need[i]);
+/// Sums over each four columns of a word of marks (its column 0 is pixel 0 of each slice, `width` pixels a row, as many rows
+/// as there are `marks`): picture², picture · background, background² in (1/8 grey level)², and noise², of marked pixels.
+/// Background and noise are 8.8 fixed point.
+pub fn products_by_fours(marks: &[u64], picture: &[u8], background: &[u16], noise: &[u16], width: usize) -> [[u32; 16]; 4] {
+    let mut sums = [[0u32; 64]; 4];
+    for (row, &bits) in marks.iter().enumerate() {
+        if bits == 0 {
+            continue;
         }
-    } else {
-        for i in 0..n {
-            let sum = padded[i..=i + 2 * reach].iter().fold(0u8, |s, &p| s.wrapping_add(p));
-            out[i] = u8::from(sum >= need[i]);
-        }
-    }
-}
-}
-
-wide! {
-/// The same with one `need` for the whole row.
-pub fn threshold_row_sums_alike(padded: &[u8], reach: usize, need: u8, out: &mut [u8]) {
-    let n = out.len();
-    if reach == 2 {
-        let p = &padded[..n + 4];
-        for i in 0..n {
-            let sum = p[i].wrapping_add(p[i + 1]).wrapping_add(p[i + 2]).wrapping_add(p[i + 3]).wrapping_add(p[i + 4]);
-            out[i] = u8::from(sum >= need);
-        }
-    } else {
-        for i in 0..n {
-            let sum = padded[i..=i + 2 * reach].iter().fold(0u8, |s, &p| s.wrapping_add(p));
-            out[i] = u8::from(sum >= need);
-        }
-    }
-}
-}
-
-wide! {
-/// Adds to the sums of each column where `marks` is 1: picture², picture · background, background² in (1/8 grey level)², and
-/// noise². Background and noise are 8.8 fixed point.
-pub fn add_products(marks: &[u8], picture: &[u8], background: &[u16], noise: &[u16], sums: [&mut [u32]; 4]) {
-    let n = marks.len();
-    let (picture, background, noise) = (&picture[..n], &background[..n], &noise[..n]);
-    let [cc, cb, bb, nn] = sums.map(|s| &mut s[..n]);
-    for i in 0..n {
-        let m = u32::from(marks[i]);
-        let (c, b, s) = (m * (u32::from(picture[i]) << 3), m * u32::from(background[i] >> 5), m * u32::from(noise[i]));
-        cc[i] += c * c;
-        cb[i] += c * b;
-        bb[i] += b * b;
-        nn[i] += s * s;
-    }
-}
-}
-
-wide! {
-/// Number of ones.
-pub fn count_ones(marks: &[u8]) -> usize {
-    let mut total = 0;
-    // Sixty-four counters beside each other, emptied before they overflow.
-    for chunk in marks.chunks(64 * 255) {
-        let mut counters = [0u8; 64];
-        let (blocks, rest) = chunk.as_chunks::<64>();
-        for block in blocks {
-            for (n, m) in counters.iter_mut().zip(block) {
-                *n = n.wrapping_add(*m);
+        let pixels = (row * width).min(picture.len())..(row * width + 64).min(picture.len());
+        let (c, b, s) = (padded(&picture[pixels.clone()]), padded(&background[pixels.clone()]), padded(&noise[pixels]));
+        for half in [0, 32] {
+            let bits = (bits >> half) as u32;
+            for k in 0..32 {
+                let (i, m) = (half + k, bits >> k & 1);
+                let (c, b, s) = (m * (u32::from(c[i]) << 3), m * u32::from(b[i] >> 5), m * u32::from(s[i]));
+                sums[0][i] += c * c;
+                sums[1][i] += c * b;
+                sums[2][i] += b * b;
+                sums[3][i] += s * s;
             }
         }
-        total += counters.iter().chain(rest).map(|n| usize::from(*n)).sum::<usize>();
     }
-    total
-}
-}
-
-wide! {
-/// The sums of each four values, of a length that four divides. `values` are lost; no sum may overflow.
-pub fn sums_of_fours(values: &mut [u8], out: &mut [u8]) {
-    for step in [1, 2] {
-        let n = values.len().saturating_sub(step);
-        for i in 0..n {
-            values[i] = values[i].wrapping_add(values[i + step]);
+    let mut fours = [[0u32; 16]; 4];
+    for (fours, sums) in fours.iter_mut().zip(&sums) {
+        for (four, sums) in fours.iter_mut().zip(sums.as_chunks::<4>().0) {
+            *four = sums[0] + sums[1] + sums[2] + sums[3];
         }
     }
-    for (o, v) in out.iter_mut().zip(values.as_chunks::<4>().0) {
-        *o = v[0];
-    }
+    fours
 }
 }
 
@@ -244,6 +226,51 @@ pub fn count_darker(picture: &[u8], background: &[u16]) -> usize {
 }
 
 wide! {
+/// Which of `bins` for each 1 of the ratio picture / background (8.8 fixed point) a pixel falls into, at most the last of two times
+/// `bins`; `u16::MAX` where there is no ratio: not valid, saturated, or a background below `least`.
+pub fn ratio_bins(picture: &[u8], background: &[u16], valid: &[u8], least: u16, bins: u16, out: &mut [u16]) {
+    let n = out.len();
+    let (picture, background, valid) = (&picture[..n], &background[..n], &valid[..n]);
+    for i in 0..n {
+        let ratio = f32::from(picture[i]) / f32::from(background[i].max(1)) * (256.0 * f32::from(bins));
+        let usable = (valid[i] != 0) & (background[i] >= least) & (picture[i] < 250);
+        let bin = ratio.min(f32::from(2 * bins - 1)) as u16;
+        out[i] = if usable { bin } else { u16::MAX };
+    }
+}
+}
+
+wide! {
+/// Adds pixels to sums and counts them, as far as all three reach.
+pub fn add_pixels(pixels: &[u8], counts: &mut [u16], sums: &mut [u32]) {
+    for ((n, sum), &p) in counts.iter_mut().zip(sums).zip(pixels) {
+        *n = n.wrapping_add(1);
+        *sum = sum.wrapping_add(u32::from(p));
+    }
+}
+}
+
+wide! {
+/// Adds values, at least `least` and at most `most` each, to sums, as far as both reach.
+pub fn add_clamped(values: &[u8], least: u8, most: u8, sums: &mut [u32]) {
+    for (sum, &v) in sums.iter_mut().zip(values) {
+        *sum = sum.wrapping_add(u32::from(v.max(least).min(most)));
+    }
+}
+}
+
+wide! {
+/// The sum of values, at most `most` each, for as few that nothing overflows.
+pub fn sum_up_to(values: &[u8], most: u8) -> u32 {
+    let mut sum = 0u32;
+    for &v in values {
+        sum = sum.wrapping_add(u32::from(v.min(most)));
+    }
+    sum
+}
+}
+
+wide! {
 /// Rounds 8.8 fixed point to grey levels.
 pub fn round_levels(level: &[u16], out: &mut [u8]) {
     for (o, &b) in out.iter_mut().zip(level) {
@@ -254,15 +281,15 @@ pub fn round_levels(level: &[u16], out: &mut [u8]) {
 
 #[cfg(test)]
 thread_local! {
-    static PORTABLE: std::cell::Cell<bool> = const { std::cell::Cell::new(false) };
+    static MOST: std::cell::Cell<Level> = const { std::cell::Cell::new(Level::Avx512) };
 }
 
-/// Runs something on this thread without vector instructions.
+/// Runs something on this thread with instructions of a level or below.
 #[cfg(test)]
-pub(crate) fn portable<T>(run: impl FnOnce() -> T) -> T {
-    PORTABLE.with(|p| p.set(true));
+pub(crate) fn at_most<T>(level: Level, run: impl FnOnce() -> T) -> T {
+    MOST.with(|m| m.set(level));
     let result = run();
-    PORTABLE.with(|p| p.set(false));
+    MOST.with(|m| m.set(Level::Avx512));
     result
 }
 

@@ -5,7 +5,7 @@
 //! join *runs* of the mask's rows that are that close: no dilated picture, and work by the number of runs, not of pixels.
 //! The box is the minimal covering arc: the complement of the longest stretch of empty columns. Golden group `grouping`.
 
-use super::kernel::bits_of;
+use super::marks::{Marks, WORD};
 use super::raster::{Arc, Raster};
 
 /// Most runs looked at in one mask; later ones (lower in the picture) are left out.
@@ -40,7 +40,7 @@ impl Region {
     /// A region from the runs of several; in the order of rows.
     pub fn joined(parts: &[&Self], raster: &Raster) -> Self {
         let mut runs: Vec<Run> = parts.iter().flat_map(|p| p.runs.iter().copied()).collect();
-        runs.sort_unstable_by_key(|r| (r.row, r.start));
+        runs.sort_by_key(|r| (r.row, r.start));
         Self::of_runs(runs, raster)
     }
 
@@ -117,33 +117,56 @@ pub(crate) struct Run {
 /// The regions of a mask (0 or 1 a pixel) with at least `min_area` pixels, in the order of their first pixel.
 /// `gap` is (g_x, g_y): half the distance that is bridged.
 pub fn group(mask: &[u8], raster: &Raster, gap: [usize; 2], min_area: usize) -> Vec<Region> {
-    let (runs, row_starts) = find_runs(mask, raster);
-    let mut parent: Vec<u32> = (0..runs.len() as u32).collect();
-    join_near_runs(&runs, &row_starts, raster, gap, &mut parent);
-
-    let mut index_of_root = vec![u32::MAX; runs.len()];
-    let mut members: Vec<Vec<Run>> = Vec::new();
-    for (i, run) in runs.iter().enumerate() {
-        let root = find(&mut parent, i as u32) as usize;
-        if index_of_root[root] == u32::MAX {
-            index_of_root[root] = members.len() as u32;
-            members.push(Vec::new());
-        }
-        members[index_of_root[root] as usize].push(*run);
-    }
-    let mut columns = Vec::new();
-    members
-        .into_iter()
-        .filter(|runs| runs.iter().map(|r| r.len as usize).sum::<usize>() >= min_area)
-        .map(|runs| Region::from_runs(runs, raster, &mut columns))
-        .collect()
+    Grouping::default().group(&Marks::of_bytes(mask, *raster), raster, gap, min_area)
 }
 
-fn find_runs(mask: &[u8], raster: &Raster) -> (Vec<Run>, Vec<usize>) {
-    let mut runs = Vec::new();
-    let mut row_starts = Vec::with_capacity(raster.height + 1);
-    let mut padded = [0u8; 64];
-    for (y, row) in mask.chunks_exact(raster.width).enumerate() {
+/// Groups marks, with its working memory.
+#[derive(Debug, Default)]
+pub(super) struct Grouping {
+    runs: Vec<Run>,
+    /// Index of the first run of each row, and the number of runs.
+    row_starts: Vec<usize>,
+    parent: Vec<u32>,
+    /// Pixels of the region whose first run this is, and its place among those that are large enough.
+    areas: Vec<usize>,
+    columns: Vec<u8>,
+}
+
+impl Grouping {
+    /// See [`group`].
+    pub(super) fn group(&mut self, mask: &Marks, raster: &Raster, gap: [usize; 2], min_area: usize) -> Vec<Region> {
+        find_runs(mask, raster, &mut self.runs, &mut self.row_starts);
+        let Self { runs, row_starts, parent, areas, columns } = self;
+        parent.clear();
+        parent.extend(0..runs.len() as u32);
+        join_near_runs(runs, row_starts, raster, gap, parent);
+        areas.clear();
+        areas.resize(runs.len(), 0);
+        for i in 0..runs.len() {
+            let root = find(parent, i as u32);
+            parent[i] = root;
+            areas[root as usize] += runs[i].len as usize;
+        }
+        // Roots are the first runs of their regions; from here on `areas` says where a large enough one is.
+        let mut members: Vec<Vec<Run>> = Vec::new();
+        for i in 0..runs.len() {
+            let root = parent[i] as usize;
+            if root == i {
+                areas[i] = if areas[i] >= min_area.max(1) { members.len() } else { usize::MAX };
+                members.extend((areas[i] != usize::MAX).then(Vec::new));
+            }
+            if let Some(member) = members.get_mut(areas[root]) {
+                member.push(runs[i]);
+            }
+        }
+        members.into_iter().map(|runs| Region::from_runs(runs, raster, columns)).collect()
+    }
+}
+
+fn find_runs(mask: &Marks, raster: &Raster, runs: &mut Vec<Run>, row_starts: &mut Vec<usize>) {
+    runs.clear();
+    row_starts.clear();
+    for y in 0..raster.height {
         row_starts.push(runs.len());
         // First column of a run that has not ended yet.
         let mut open: Option<usize> = None;
@@ -152,81 +175,74 @@ fn find_runs(mask: &[u8], raster: &Raster) -> (Vec<Run>, Vec<usize>) {
                 runs.push(Run { row: y as u32, start: start as u32, len: (end - start) as u32 });
             }
         };
-        let (blocks, rest) = row.as_chunks::<64>();
-        padded.fill(0);
-        padded[..rest.len()].copy_from_slice(rest);
-        for (base, block) in blocks.iter().chain([&padded]).enumerate().map(|(i, block)| (64 * i, block)) {
+        for (w, &bits) in mask.row(y).iter().enumerate() {
             // Most of a mask is empty.
-            if open.is_none() && block.as_chunks::<8>().0.iter().fold(0, |any, b| any | u64::from_le_bytes(*b)) == 0 {
+            if bits == 0 && open.is_none() {
                 continue;
             }
-            let bits = bits_of(block);
             let mut x = 0;
-            while x < 64 {
+            while x < WORD as u32 {
                 let ahead = if open.is_some() { (bits >> x).trailing_ones() } else { (bits >> x).trailing_zeros() };
                 x += ahead;
-                if x >= 64 {
+                if x >= WORD as u32 {
                     break;
                 }
                 match open.take() {
-                    Some(start) => add(start, base + x as usize),
-                    None => open = Some(base + x as usize),
+                    Some(start) => add(start, w * WORD + x as usize),
+                    None => open = Some(w * WORD + x as usize),
                 }
             }
         }
         if let Some(start) = open {
-            add(start, row.len());
+            add(start, raster.width);
         }
     }
     row_starts.push(runs.len());
-    (runs, row_starts)
 }
 
 fn join_near_runs(runs: &[Run], row_starts: &[usize], raster: &Raster, gap: [usize; 2], parent: &mut [u32]) {
-    let reach_x = 2 * gap[0] as i64 + 1;
+    let reach_x = 2 * gap[0] as i32 + 1;
     let reach_y = 2 * gap[1] + 1;
-    let w = raster.width as i64;
+    let w = raster.width as i32;
+    let first = |run: &Run| run.start as i32;
+    let last = |run: &Run| (run.start + run.len) as i32 - 1;
     let near = |a: &Run, b: &Run| {
-        let (a0, a1) = (i64::from(a.start), i64::from(a.start + a.len - 1));
-        let (b0, b1) = (i64::from(b.start), i64::from(b.start + b.len - 1));
-        let plain = |shift: i64| b0 + shift - a1 <= reach_x && a0 - (b1 + shift) <= reach_x;
+        let plain = |shift: i32| first(b) + shift - last(a) <= reach_x && first(a) - (last(b) + shift) <= reach_x;
         plain(0) || (raster.wraps && (plain(w) || plain(-w)))
     };
     for y in 0..raster.height {
-        let here = &row_starts[y]..&row_starts[y + 1];
-        for i in *here.start..*here.end {
-            // In one row the nearest run on the left decides, and over the seam the first and the last.
-            if i > *here.start && near(&runs[i - 1], &runs[i]) {
+        let here = row_starts[y]..row_starts[y + 1];
+        let Some((left_most, right_most)) = runs[here.clone()].first().zip(runs[here.clone()].last()) else { continue };
+        // In one row the nearest run on the left decides, and over the seam the first and the last.
+        for i in here.start + 1..here.end {
+            if near(&runs[i - 1], &runs[i]) {
                 join(parent, i as u32, i as u32 - 1);
             }
-            if raster.wraps && i + 1 == *here.end && near(&runs[*here.start], &runs[i]) {
-                join(parent, i as u32, *here.start as u32);
-            }
+        }
+        if raster.wraps && near(left_most, right_most) {
+            join(parent, here.end as u32 - 1, here.start as u32);
         }
         for dy in 1..=reach_y.min(y) {
             let above = row_starts[y - dy]..row_starts[y - dy + 1];
-            if above.is_empty() || here.is_empty() {
+            let Some((left_above, right_above)) = runs[above.clone()].first().zip(runs[above.clone()].last()) else {
                 continue;
-            }
-            let mut first = above.start;
-            for i in *here.start..*here.end {
+            };
+            let mut skipped = 0;
+            for (i, run) in here.clone().zip(&runs[here.clone()]) {
                 // Runs are sorted: skip those that end too far left of this one.
-                while first < above.end
-                    && i64::from(runs[first].start + runs[first].len - 1) + reach_x < i64::from(runs[i].start)
-                {
-                    first += 1;
+                let rest = &runs[above.start + skipped..above.end];
+                skipped += rest.iter().take_while(|r| last(r) + reach_x < first(run)).count();
+                let mut root = find(parent, i as u32);
+                let reached = runs[above.start + skipped..above.end].iter().zip(above.start + skipped..);
+                for (_, j) in reached.take_while(|(r, _)| first(r) <= last(run) + reach_x) {
+                    // Most are together already.
+                    if parent[j] != root {
+                        root = join(parent, root, j as u32);
+                    }
                 }
-                let mut j = first;
-                while j < above.end && i64::from(runs[j].start) <= i64::from(runs[i].start + runs[i].len - 1) + reach_x
-                {
-                    join(parent, i as u32, j as u32);
-                    j += 1;
-                }
-                let at_seam =
-                    i64::from(runs[i].start) < reach_x || i64::from(runs[i].start + runs[i].len) + reach_x > w;
-                if raster.wraps && at_seam {
-                    for j in [above.start, above.end - 1] {
-                        if near(&runs[j], &runs[i]) {
+                if raster.wraps && (first(run) < reach_x || last(run) + 1 + reach_x > w) {
+                    for (j, other) in [(above.start, left_above), (above.end - 1, right_above)] {
+                        if near(other, run) {
                             join(parent, i as u32, j as u32);
                         }
                     }
@@ -244,14 +260,13 @@ fn find(parent: &mut [u32], mut i: u32) -> u32 {
     i
 }
 
-fn join(parent: &mut [u32], a: u32, b: u32) {
+/// Makes one of the two sets; its root.
+fn join(parent: &mut [u32], a: u32, b: u32) -> u32 {
     let (a, b) = (find(parent, a), find(parent, b));
     // The smaller index stays root, so labels keep the order of first pixels.
-    if a < b {
-        parent[b as usize] = a;
-    } else {
-        parent[a as usize] = b;
-    }
+    let (root, other) = (a.min(b), a.max(b));
+    parent[other as usize] = root;
+    root
 }
 
 /// The complement of the longest stretch of empty columns (the first of equals).

@@ -4,12 +4,13 @@
 //! camera's noise; clothes have a texture of their own, or are much darker, or brighter. A block is a shadow only among
 //! others, so a smooth patch of a coat stays.
 
-use std::ops::Range;
-
 use super::kernel;
+use super::marks::{Marks, WORD};
 use super::raster::Raster;
 
 const BLOCK: [usize; 2] = [4, 6];
+/// Blocks of a word of marks.
+const BLOCKS: usize = WORD / BLOCK[0];
 /// Ratios that soft shadows indoors have.
 const RATIO: [f32; 2] = [0.72, 0.985];
 /// Variance of the rest against that of the noise.
@@ -23,11 +24,8 @@ pub(crate) struct Shadow {
     raster: Raster,
     blocks: [usize; 2],
     kind: Vec<u8>,
-    /// Marks of each column in a row of blocks.
-    sums: Vec<u8>,
-    /// Marks of each block in it.
-    counts: Vec<u8>,
-    products: Products,
+    /// Marks of each block of a row of them, by words.
+    counts: Vec<[u8; BLOCKS]>,
     /// Blocks taken for shadows.
     found: Vec<(usize, usize)>,
 }
@@ -39,59 +37,58 @@ const SHADOW: u8 = 2;
 impl Shadow {
     pub(crate) fn new(raster: Raster) -> Self {
         let blocks = [raster.width.div_ceil(BLOCK[0]), raster.height.div_ceil(BLOCK[1])];
-        let sums = vec![0; blocks[0] * BLOCK[0]];
-        Self {
-            raster,
-            blocks,
-            kind: vec![EMPTY; blocks[0] * blocks[1]],
-            sums,
-            counts: vec![0; blocks[0]],
-            products: Products::default(),
-            found: Vec::new(),
-        }
+        let counts = vec![[0; BLOCKS]; raster.width.div_ceil(WORD)];
+        Self { raster, blocks, kind: vec![EMPTY; blocks[0] * blocks[1]], counts, found: Vec::new() }
     }
 
     /// Takes shadows out of `marks`; background and noise are 8.8 fixed point, the picture's common gain is `gain`.
-    pub(crate) fn remove(&mut self, picture: &[u8], background: &[u16], noise: &[u16], gain: f64, marks: &mut [u8]) {
+    pub(super) fn remove(&mut self, picture: &[u8], background: &[u16], noise: &[u16], gain: f64, marks: &mut Marks) {
         let Raster { width, height, .. } = self.raster;
         let [columns, rows] = self.blocks;
         self.kind.fill(EMPTY);
         self.found.clear();
+        let mut words = [0u64; BLOCK[1]];
         for by in 0..rows {
-            self.sums.fill(0);
-            for y in by * BLOCK[1]..((by + 1) * BLOCK[1]).min(height) {
-                kernel::add_row(&marks[y * width..(y + 1) * width], &mut self.sums);
-            }
-            kernel::sums_of_fours(&mut self.sums, &mut self.counts);
-            // A few marks say nothing: they go with their neighbours. Blocks with more are judged in stretches.
-            let mut bx = 0;
-            while let Some(ahead) = self.counts[bx..].iter().position(|n| *n >= LEAST_PIXELS) {
-                let start = bx + ahead;
-                bx = start + self.counts[start..].iter().position(|n| *n < LEAST_PIXELS).unwrap_or(columns - start);
-                let pixels = start * BLOCK[0]..(bx * BLOCK[0]).min(width);
-                self.products.clear(pixels.len().next_multiple_of(BLOCK[0]));
-                for y in by * BLOCK[1]..((by + 1) * BLOCK[1]).min(height) {
-                    let pixels = y * width + pixels.start..y * width + pixels.end;
-                    self.products.add(
-                        &marks[pixels.clone()],
-                        &picture[pixels.clone()],
-                        &background[pixels.clone()],
-                        &noise[pixels],
-                    );
+            let lines = by * BLOCK[1]..((by + 1) * BLOCK[1]).min(height);
+            let stride = marks.stride();
+            let band = &marks.words()[lines.start * stride..lines.end * stride];
+            count_fours(band, &mut self.counts);
+            for word in 0..stride {
+                let counts = self.counts[word];
+                // A few marks say nothing: they go with their neighbours.
+                if counts.iter().all(|n| *n < LEAST_PIXELS) {
+                    continue;
                 }
-                for block in start..bx {
-                    let n = u32::from(self.counts[block]);
-                    let kind = self.products.judge((block - start) * BLOCK[0], n, gain as f32);
-                    self.kind[by * columns + block] = kind;
+                for (k, w) in words[..lines.len()].iter_mut().enumerate() {
+                    *w = band[k * stride + word];
+                }
+                let words = &words[..lines.len()];
+                let last = (lines.end - 1) * width + (word + 1) * WORD;
+                let pixels = lines.start * width + word * WORD..last.min(lines.end * width);
+                let products = kernel::products_by_fours(
+                    words,
+                    &picture[pixels.clone()],
+                    &background[pixels.clone()],
+                    &noise[pixels],
+                    width,
+                );
+                let kinds = judge(&products, &counts, gain as f32);
+                for (k, kind) in kinds.into_iter().enumerate().filter(|(k, _)| counts[*k] >= LEAST_PIXELS) {
+                    let bx = word * BLOCKS + k;
+                    self.kind[by * columns + bx] = kind;
                     if kind == SHADOW {
-                        self.found.push((block, by));
+                        self.found.push((bx, by));
                     }
                 }
             }
         }
+        let stride = marks.stride();
         for &(bx, by) in &self.found {
             if self.is_among_shadows(bx, by) {
-                self.for_rows(bx, by, |pixels| marks[pixels].fill(0));
+                let (word, bit) = (bx * BLOCK[0] / WORD, bx * BLOCK[0] % WORD);
+                for y in by * BLOCK[1]..((by + 1) * BLOCK[1]).min(height) {
+                    marks.words_mut()[y * stride + word] &= !(0b1111 << bit);
+                }
             }
         }
     }
@@ -118,59 +115,48 @@ impl Shadow {
         }
         shadows > bodies && shadows >= 3
     }
-
-    fn for_rows(&self, bx: usize, by: usize, mut f: impl FnMut(Range<usize>)) {
-        let Raster { width, height, .. } = self.raster;
-        let columns = bx * BLOCK[0]..((bx + 1) * BLOCK[0]).min(width);
-        for y in by * BLOCK[1]..((by + 1) * BLOCK[1]).min(height) {
-            f(y * width + columns.start..y * width + columns.end);
-        }
-    }
 }
 
-/// Sums of products down the columns of a stretch of blocks, of marked pixels only. Levels are in eighths of grey levels, so
-/// that the sums of a block stay in 32 bits: 24 · 2040² < 2³².
-#[derive(Debug, Default)]
-struct Products {
-    cc: Vec<u32>,
-    cb: Vec<u32>,
-    bb: Vec<u32>,
-    nn: Vec<u32>,
+kernel::wide! {
+/// Marks of each four columns of some rows of words, one below the other.
+fn count_fours(rows: &[u64], counts: &mut [[u8; BLOCKS]]) {
+    let stride = counts.len();
+    for (word, counts) in counts.iter_mut().enumerate() {
+        let mut sums = [0u8; BLOCKS];
+        for row in rows.chunks_exact(stride) {
+            let w = row[word];
+            let twos = w - (w >> 1 & 0x5555_5555_5555_5555);
+            let fours = (twos & 0x3333_3333_3333_3333) + (twos >> 2 & 0x3333_3333_3333_3333);
+            let nibbles = fours.to_le_bytes();
+            for (sums, nibble) in sums.as_chunks_mut::<2>().0.iter_mut().zip(nibbles) {
+                *sums = [sums[0] + (nibble & 15), sums[1] + (nibble >> 4)];
+            }
+        }
+        *counts = sums;
+    }
+}
 }
 
-impl Products {
-    fn clear(&mut self, columns: usize) {
-        for sums in [&mut self.cc, &mut self.cb, &mut self.bb, &mut self.nn] {
-            sums.clear();
-            sums.resize(columns, 0);
-        }
+kernel::wide! {
+/// What each block of a word is, `counts` marks in it. Sums of products of its marked pixels in eighths of grey levels, so that
+/// they stay in 32 bits: 24 · 2040² < 2³².
+fn judge(products: &[[u32; BLOCKS]; 4], counts: &[u8; BLOCKS], gain: f32) -> [u8; BLOCKS] {
+    const UNIT: f32 = 1.0 / 64.0;
+    const SIGMA: f32 = 1.2533 / 256.0;
+    let mut kinds = [EMPTY; BLOCKS];
+    for k in 0..BLOCKS {
+        let [cc, cb, bb, nn] = [products[0][k], products[1][k], products[2][k], products[3][k]];
+        let [cc, cb, bb, nn] = [cc as f32, cb as f32, bb as f32, nn as f32];
+        let n = f32::from(counts[k].max(1));
+        let ratio = cb / bb.max(1.0);
+        let rest = (cc - ratio * cb).max(0.0) * UNIT / n;
+        let noise = nn * SIGMA * SIGMA / n;
+        let darker = (ratio / gain >= RATIO[0]) & (ratio / gain < RATIO[1]);
+        let kind = if darker & (rest < MOST_REST * noise + 0.3) { SHADOW } else { BODY };
+        kinds[k] = if bb == 0.0 { EMPTY } else { kind };
     }
-
-    fn add(&mut self, marks: &[u8], picture: &[u8], background: &[u16], noise: &[u16]) {
-        kernel::add_products(
-            marks,
-            picture,
-            background,
-            noise,
-            [&mut self.cc, &mut self.cb, &mut self.bb, &mut self.nn],
-        );
-    }
-
-    /// What the block of `n` marks is that begins with a column of the stretch.
-    fn judge(&self, column: usize, n: u32, gain: f32) -> u8 {
-        const UNIT: f32 = 1.0 / 64.0;
-        const SIGMA: f32 = 1.2533 / 256.0;
-        let sum = |sums: &[u32]| sums[column..][..BLOCK[0]].iter().fold(0u32, |s, v| s.wrapping_add(*v)) as f32;
-        let (cc, cb, bb, nn) = (sum(&self.cc), sum(&self.cb), sum(&self.bb), sum(&self.nn));
-        if bb == 0.0 {
-            return EMPTY;
-        }
-        let ratio = cb / bb;
-        let rest = (cc - ratio * cb).max(0.0) * UNIT / n as f32;
-        let noise = nn * SIGMA * SIGMA / n as f32;
-        let darker = (RATIO[0]..RATIO[1]).contains(&(ratio / gain));
-        if darker && rest < MOST_REST * noise + 0.3 { SHADOW } else { BODY }
-    }
+    kinds
+}
 }
 
 #[cfg(test)]
@@ -203,9 +189,10 @@ mod tests {
             })
             .collect();
         let deviation = vec![(1.2 * 256.0) as u16; raster.len()];
+        let mut marks = Marks::of_bytes(&marks, raster);
         Shadow::new(raster).remove(&picture, &background, &deviation, 1.0, &mut marks);
-        let count = |columns: Range<usize>| {
-            (0..raster.len()).filter(|i| columns.contains(&(i % 120)) && marks[*i] != 0).count()
+        let count = |columns: std::ops::Range<usize>| -> usize {
+            (0..raster.height).map(|y| marks.count(y, columns.start, columns.len())).sum()
         };
         assert!(count(10..50) < 100, "{}", count(10..50));
         assert!(count(70..100) > 1400, "{}", count(70..100));

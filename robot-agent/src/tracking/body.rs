@@ -5,7 +5,7 @@
 //! differs from the background, thin and faint columns (arms, shadows) are left out, and the rest is averaged.
 
 use super::extent::BORDER_ROWS;
-use crate::motion::{Arc, Raster, Region, Scene};
+use crate::motion::{Arc, Raster, Region, Scene, kernel};
 
 /// Rows from the top that make the trunk and the head, as a share of what is seen.
 const UPPER_SHARE: f64 = 0.55;
@@ -43,9 +43,7 @@ impl Body {
         for (row, start, len) in region.spans().take_while(|(row, _, _)| *row < limit) {
             let offset = (start + raster.width - arc.start) % raster.width;
             let changes = &scene.magnitude[row * raster.width + start..][..len];
-            for (w, &change) in weight[offset..(offset + len).min(arc.width)].iter_mut().zip(changes) {
-                *w += u32::from(change.clamp(1, FULL_CHANGE));
-            }
+            kernel::add_clamped(changes, 1, FULL_CHANGE, &mut weight[offset..(offset + len).min(arc.width)]);
         }
         let heaviest = f64::from(weight.iter().copied().max().unwrap_or(0));
         let least = heaviest * THIN;
@@ -105,7 +103,7 @@ pub(super) fn solid_rows(region: &Region, scene: &Scene<'_>, columns: std::ops::
         }
         let changes = &scene.magnitude[row * raster.width + start + from - offset..][..to - from];
         let (sum, n) = &mut rows[row - region.rows[0]];
-        *sum += changes.iter().map(|&c| u32::from(c.min(FULL_CHANGE))).sum::<u32>();
+        *sum += kernel::sum_up_to(changes, FULL_CHANGE);
         *n += (to - from) as u32;
     }
     let mean = |(sum, n): &(u32, u32)| if *n == 0 { 0.0 } else { f64::from(*sum) / f64::from(*n) };
@@ -144,10 +142,7 @@ impl Strip {
             let offset = (start + raster.width - region.arc.start) % raster.width;
             let pixels = &scene.picture[row * raster.width + start..][..len];
             let cells = band * width + offset.min(width)..(band + 1) * width;
-            for ((n, sum), &p) in counts[cells.clone()].iter_mut().zip(&mut sums[cells]).zip(pixels) {
-                *n += 1;
-                *sum += u32::from(p);
-            }
+            kernel::add_pixels(pixels, &mut counts[cells.clone()], &mut sums[cells]);
         }
         let cell = |x: usize, band: usize| band * width + x;
         let mut filled: Vec<[f32; BANDS]> =

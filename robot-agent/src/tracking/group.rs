@@ -7,6 +7,7 @@
 
 use super::body::{BANDS, Strip};
 use crate::motion::Raster;
+use crate::motion::kernel::wide;
 
 /// One body that is looked for.
 #[derive(Debug, Clone)]
@@ -94,34 +95,43 @@ fn clamp_inside(start: i32, len: i32, width: i32) -> i32 {
     start.clamp(-len / 2, (width - len / 2).max(-len / 2))
 }
 
+wide! {
 /// Cells that are filled in only one of region and union, and filled cells that look like none of those that cover them.
 fn misfit(region: &Strip, bodies: &[Sought<'_>], starts: &[i32]) -> f32 {
     let width = region.filled.len() as i32;
-    let first = starts.iter().copied().min().unwrap_or(0).min(0);
-    let last = starts.iter().zip(bodies).map(|(s, b)| s + b.template.filled.len() as i32).max().unwrap_or(0).max(width);
-    let mut sum = 0.0;
+    let (mut first, mut last) = (0, width);
+    for (s, b) in starts.iter().zip(bodies) {
+        (first, last) = (first.min(*s), last.max(s + b.template.filled.len() as i32));
+    }
+    let mut sums = [0f32; BANDS];
     for x in first..last {
-        let found = usize::try_from(x).ok().and_then(|i| region.filled.get(i).zip(region.gray.get(i)));
-        for band in 0..BANDS {
-            let (mut most, mut unlike) = (0f32, f32::INFINITY);
-            for (s, b) in starts.iter().zip(bodies) {
-                let Some(i) = usize::try_from(x - s).ok().filter(|&i| i < b.template.filled.len()) else { continue };
-                let f = b.template.filled[i][band];
-                most = most.max(f);
-                if let Some((_, gray)) = found
-                    && f > 0.2
-                {
-                    unlike = unlike.min((gray[band] - b.template.gray[i][band]).abs());
-                }
-            }
-            let filled = found.map_or(0.0, |(f, _)| f[band]);
-            sum += (filled - most).abs();
-            if filled > 0.2 && unlike.is_finite() {
-                sum += filled * (unlike / GRAY_SCALE).min(1.0);
+        let (mut most, mut unlike) = ([0f32; BANDS], [f32::INFINITY; BANDS]);
+        let found = usize::try_from(x).ok().filter(|i| *i < region.filled.len());
+        let (filled, gray) = match found {
+            Some(i) => (&region.filled[i], &region.gray[i]),
+            None => (&[0.0; BANDS], &[f32::INFINITY; BANDS]),
+        };
+        for (s, b) in starts.iter().zip(bodies) {
+            let Ok(i) = usize::try_from(x - s) else { continue };
+            let (Some(f), Some(g)) = (b.template.filled.get(i), b.template.gray.get(i)) else { continue };
+            for band in 0..BANDS {
+                most[band] = most[band].max(f[band]);
+                let difference = if f[band] > 0.2 { (gray[band] - g[band]).abs() } else { f32::INFINITY };
+                unlike[band] = unlike[band].min(difference);
             }
         }
+        for band in 0..BANDS {
+            let covered = (filled[band] > 0.2) & unlike[band].is_finite();
+            let strange = filled[band] * (unlike[band] / GRAY_SCALE).min(1.0);
+            sums[band] += (filled[band] - most[band]).abs() + if covered { strange } else { 0.0 };
+        }
+    }
+    let mut sum = 0.0;
+    for band in sums {
+        sum += band;
     }
     sum
+}
 }
 
 fn support(k: usize, region: &Strip, bodies: &[Sought<'_>], starts: &[i32]) -> f64 {

@@ -15,7 +15,7 @@ pub struct Floors {
 }
 
 /// Bytes of the unwarping table a panorama pixel.
-const TABLE_BYTES: usize = 8;
+const TABLE_BYTES: usize = 4;
 
 impl Floors {
     /// For a camera picture and a panorama of these sizes.
@@ -24,10 +24,10 @@ impl Floors {
         // Of the source the ring alone is read: about half of the picture.
         let ring = width as usize * height as usize / 2;
         let unwarp = ring + n * (TABLE_BYTES + 1);
-        // Picture, frame before, background and noise (two bytes each) are read, marks written.
-        let change = n * (1 + 1 + 2 + 2 + 1);
-        // Marks and magnitudes are read, a mask written.
-        let extract = n * 3;
+        // Picture, frame before, background and noise (two bytes each) are read, magnitudes and two bits of marks written.
+        let change = n * (1 + 1 + 2 + 2 + 1) + n / 4;
+        // Faint marks are read and written, then read; a mask is written and read. A bit each.
+        let extract = n * 5 / 8;
         // Background and noise read and written, picture and permission read.
         let learn = n * (4 + 4 + 1 + 1);
         let us = |bytes: usize| bytes as f64 / copy_speed(bytes) * 1e6;

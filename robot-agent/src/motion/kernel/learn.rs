@@ -1,6 +1,6 @@
 //! The background follows: level, noise, and the second look of each pixel.
 
-use super::{bits_of, expose, tolerance, wide};
+use super::{bits_of, expose, padded, tolerance, wide};
 
 /// Learnt fully: nothing is there.
 pub const LEARN: u8 = 0;
@@ -60,71 +60,71 @@ pub struct Looks<'a> {
     pub seen: &'a mut [u8],
     /// How often the second look was.
     pub seen_second: &'a mut [u8],
-    /// 1 where the second look was the background once.
-    pub second_is_known: &'a mut [u8],
+    /// Marked where the second look was the background once, 64 pixels a word.
+    pub known: &'a mut [u64],
 }
 
 /// Pixels that are looked at together.
 const BLOCK: usize = 64;
 
+/// How looks are counted.
+#[derive(Debug, Clone, Copy)]
+pub struct Counting {
+    /// Also where `how` is [`KEEP`].
+    pub also_kept: bool,
+    /// Where counts stop.
+    pub most: u8,
+    /// So much longer must the second look have been seen to become the background.
+    pub lead: u8,
+}
+
 wide! {
 /// Counts which of its two looks each pixel shows, replaces a second look that is not seen any more, and makes the second
-/// the background where it has been seen `lead` frames longer. Counts stop at `most`. Nothing happens where `how` is
-/// [`KEEP`], unless `also_kept`. Whether any second look has become the background.
-#[allow(clippy::too_many_arguments)]
+/// the background where it has been seen `lead` frames longer. Nothing happens where `how` is [`KEEP`], unless `also_kept`.
+/// Whether any second look has become the background.
 pub fn count_looks(
     current: &[u8],
     exposure_q15: u16,
     how: &[u8],
     noise: &[u16],
-    also_kept: bool,
-    most: u8,
-    lead: u8,
+    counting: Counting,
     looks: &mut Looks<'_>,
 ) -> bool {
-    let counted = if also_kept { u8::MAX } else { KEEP };
     let mut exchanged = false;
-    for start in (0..current.len()).step_by(BLOCK) {
-        let block = start..(start + BLOCK).min(current.len());
-        let (current, how, noise) = (&current[block.clone()], &how[block.clone()], &noise[block.clone()]);
-        let (level, second) = (&mut looks.level[block.clone()], &mut looks.second[block.clone()]);
-        let (seen, seen_second) = (&mut looks.seen[block.clone()], &mut looks.seen_second[block.clone()]);
-        let known = &mut looks.second_is_known[block];
-        // Nearly everywhere the background is seen: counted without a branch, and the block is done.
+    for (b, known) in looks.known.iter_mut().enumerate() {
+        let pixels = (b * BLOCK).min(current.len())..((b + 1) * BLOCK).min(current.len());
+        let (current, how, noise) = (&current[pixels.clone()], &how[pixels.clone()], &noise[pixels.clone()]);
+        let (level, seen) = (&mut looks.level[pixels.clone()], &mut looks.seen[pixels.clone()]);
+        // Nearly everywhere the background is seen: counted, and the block is done.
         let mut other = [0u8; BLOCK];
-        if count_background(current, exposure_q15, how, noise, level, counted, most, seen, &mut other) == 0 {
+        if !count_background(current, exposure_q15, how, noise, level, counting, seen, &mut other) {
             continue;
         }
-        let mut left = bits_of(&other);
-        while left != 0 {
-            let i = left.trailing_zeros() as usize;
-            left &= left - 1;
-            let now = expose(current[i], exposure_q15);
-            let tolerance = tolerance(noise[i]);
-            if now.abs_diff(second[i]) < tolerance && seen_second[i] > 0 {
-                seen_second[i] = seen_second[i].saturating_add(1).min(most);
-                let step = (i32::from(now) - i32::from(second[i])) >> 3;
-                second[i] = (i32::from(second[i]) + step) as u16;
-            } else {
-                seen_second[i] = seen_second[i].saturating_sub(1);
-                if seen_second[i] == 0 {
-                    (second[i], seen_second[i], known[i]) = (now, 1, 0);
-                }
-            }
-            if seen_second[i] > seen[i].saturating_add(lead) || seen_second[i] == most {
-                std::mem::swap(&mut level[i], &mut second[i]);
-                std::mem::swap(&mut seen[i], &mut seen_second[i]);
-                seen_second[i] = seen_second[i].min(most / 2);
-                known[i] = 1;
-                exchanged = true;
-            }
+        let (second, seen_second) = (&mut looks.second[pixels.clone()], &mut looks.seen_second[pixels]);
+        let mut now = [0; BLOCK];
+        for (now, c) in now.iter_mut().zip(padded(current)) {
+            *now = expose(c, exposure_q15);
         }
+        let mut block = Block {
+            level: padded(level),
+            second: padded(second),
+            seen: padded(seen),
+            seen_second: padded(seen_second),
+        };
+        let (renewed, replaced) = count_others(&now, &padded(noise), &other, counting, &mut block);
+        *known = (*known & !renewed) | replaced;
+        exchanged |= replaced != 0;
+        let n = level.len();
+        level.copy_from_slice(&block.level[..n]);
+        second.copy_from_slice(&block.second[..n]);
+        seen.copy_from_slice(&block.seen[..n]);
+        seen_second.copy_from_slice(&block.seen_second[..n]);
     }
     exchanged
 }
 }
 
-/// Counts where the background is seen; `other` is 1 where something else is, the result not 0 if it is anywhere.
+/// Counts where the background is seen; `other` is all ones where something else is. Whether it is anywhere.
 #[inline(always)]
 #[allow(clippy::too_many_arguments)]
 fn count_background(
@@ -133,11 +133,11 @@ fn count_background(
     how: &[u8],
     noise: &[u16],
     level: &[u16],
-    counted: u8,
-    most: u8,
+    counting: Counting,
     seen: &mut [u8],
     other: &mut [u8; BLOCK],
-) -> u8 {
+) -> bool {
+    let counted = if counting.also_kept { u8::MAX } else { KEEP };
     let n = current.len().min(BLOCK);
     let (current, how, noise, level) = (&current[..n], &how[..n], &noise[..n], &level[..n]);
     let (seen, other) = (&mut seen[..n], &mut other[..n]);
@@ -145,9 +145,57 @@ fn count_background(
     for i in 0..n {
         let same = u8::from(expose(current[i], exposure_q15).abs_diff(level[i]) < tolerance(noise[i]));
         let wanted = u8::from(how[i] < counted);
-        seen[i] = seen[i].saturating_add(same & wanted).min(most);
-        other[i] = (same ^ 1) & wanted;
+        seen[i] = seen[i].saturating_add(same & wanted).min(counting.most);
+        other[i] = 0u8.wrapping_sub((same ^ 1) & wanted);
         any |= other[i];
     }
-    any
+    any != 0
+}
+
+/// A block of pixels in registers.
+struct Block {
+    level: [u16; BLOCK],
+    second: [u16; BLOCK],
+    seen: [u8; BLOCK],
+    seen_second: [u8; BLOCK],
+}
+
+/// Counts where `other` is all ones and 0 elsewhere. Marks where the second look is a new one, and where it has changed places
+/// with the background.
+#[inline(always)]
+fn count_others(
+    now: &[u16; BLOCK],
+    noise: &[u16; BLOCK],
+    other: &[u8; BLOCK],
+    counting: Counting,
+    block: &mut Block,
+) -> (u64, u64) {
+    let (mut near, mut renewed, mut replaced) = ([0u8; BLOCK], [0u8; BLOCK], [0u8; BLOCK]);
+    for i in 0..BLOCK {
+        near[i] = if now[i].abs_diff(block.second[i]) < tolerance(noise[i]) { other[i] } else { 0 };
+    }
+    for i in 0..BLOCK {
+        let count = block.seen_second[i];
+        near[i] = if count > 0 { near[i] } else { 0 };
+        let down = count.saturating_sub(1);
+        renewed[i] = if down == 0 { other[i] & !near[i] } else { 0 };
+        let missed = if down == 0 { 1 } else { down };
+        let count_now = if near[i] != 0 { count.saturating_add(1).min(counting.most) } else { missed };
+        let seen = block.seen[i];
+        let longer = (count_now > seen.saturating_add(counting.lead)) | (count_now == counting.most);
+        replaced[i] = if longer { other[i] } else { 0 };
+        block.seen[i] = if replaced[i] != 0 { count_now } else { seen };
+        let kept = if replaced[i] != 0 { seen.min(counting.most / 2) } else { count_now };
+        block.seen_second[i] = if other[i] != 0 { kept } else { count };
+    }
+    for i in 0..BLOCK {
+        let (level, second) = (block.level[i], block.second[i]);
+        // Near looks differ by less than 2¹⁵.
+        let step = (now[i].wrapping_sub(second) as i16) >> 3;
+        let moved = if near[i] != 0 { second.wrapping_add(step as u16) } else { second };
+        let second_now = if renewed[i] != 0 { now[i] } else { moved };
+        block.level[i] = if replaced[i] != 0 { second_now } else { level };
+        block.second[i] = if replaced[i] != 0 { level } else { second_now };
+    }
+    (bits_of(&renewed), bits_of(&replaced))
 }

@@ -1,92 +1,102 @@
-//! What differs from the background, and from the frame before.
+//! What differs from the background, and from the frame before. Marks are bits, see `marks`.
 
-use super::{expose, tolerance, wide};
+use super::{bits_of, expose, padded, tolerance, wide};
 
 /// The noise estimate saturates here (8.8 fixed point: 11.7 grey levels of mean deviation, leaves in the wind), so that thresholds stay in 16 bits.
 pub const NOISE_MAX: u16 = 3000;
 /// The same indoors: 6.6 grey levels.
 pub const INDOOR_NOISE_MAX: u16 = 1700;
 
+const BLOCK: usize = 64;
+
+/// A row of the picture and what it is compared with.
+#[derive(Debug, Clone, Copy)]
+pub struct Compared<'a> {
+    /// Grey levels.
+    pub picture: &'a [u8],
+    /// Factor that brings the picture to the background's exposure; 32768 is 1.
+    pub exposure_q15: u16,
+    /// 8.8 fixed point.
+    pub background: &'a [u16],
+    /// Mean absolute deviation, 8.8 fixed point.
+    pub noise: &'a [u16],
+    /// Least changes that mark faintly and strongly, 8.8 fixed point.
+    pub floors: [u16; 2],
+}
+
 wide! {
-/// Marks pixels that differ from the background: `faint` where |C − B| ≥ max(`floor_faint`, 1.6 σ), `strong` where
-/// |C − B| ≥ max(`floor_strong`, 4 σ) (`MATHS.md` §7.4), C brought to the background's exposure by `exposure_q15` / 32768.
-/// Background, noise (mean absolute deviation, σ = 1.25 noise) and floors are 8.8 fixed point; `magnitude` is |C − B| in whole
-/// grey levels; 1 marks, 0 does not.
-#[allow(clippy::too_many_arguments)]
-pub fn mark_changes(
-    current: &[u8],
+/// Marks the pixels of a row that differ from the background: `faint` where |C − B| ≥ max(floor, 1.6 σ), `strong` where
+/// |C − B| ≥ max(floor, 4 σ) (`MATHS.md` §7.4), σ = 1.25 noise, C at the background's exposure. `magnitude` is |C − B| in whole
+/// grey levels, `most` becomes the larger of itself and that.
+pub fn mark_changes(row: Compared<'_>, magnitude: &mut [u8], most: &mut [u8], faint: &mut [u64], strong: &mut [u64]) {
+    let n = row.picture.len();
+    let (background, noise) = (&row.background[..n], &row.noise[..n]);
+    let (magnitude, most) = (&mut magnitude[..n], &mut most[..n]);
+    for (w, (faint, strong)) in faint.iter_mut().zip(strong).enumerate() {
+        let start = w * BLOCK;
+        // The last block of a row begins sooner: what is marked twice is marked alike.
+        let first = if start + BLOCK <= n { start } else { n.saturating_sub(BLOCK) };
+        let block = (row.picture[first..].first_chunk(), background[first..].first_chunk(), noise[first..].first_chunk());
+        let out = (magnitude[first..].first_chunk_mut(), most[first..].first_chunk_mut());
+        (*faint, *strong) = match (block, out) {
+            ((Some(p), Some(b), Some(s)), (Some(magnitude), Some(most))) => {
+                let (faint, strong) = mark_block(p, row.exposure_q15, b, s, row.floors, magnitude, most);
+                (faint >> (start - first), strong >> (start - first))
+            }
+            _ => {
+                let (mut changes, mut larger) = ([0; BLOCK], padded(most));
+                let (p, b, s) = (padded(row.picture), padded(background), padded(noise));
+                let (faint, strong) = mark_block(&p, row.exposure_q15, &b, &s, row.floors, &mut changes, &mut larger);
+                magnitude.copy_from_slice(&changes[..n]);
+                most.copy_from_slice(&larger[..n]);
+                (faint & ((1 << n) - 1), strong & ((1 << n) - 1))
+            }
+        };
+    }
+}
+}
+
+#[inline(always)]
+fn mark_block(
+    picture: &[u8; BLOCK],
     exposure_q15: u16,
-    background: &[u16],
-    noise: &[u16],
-    floor_faint: u16,
-    floor_strong: u16,
-    magnitude: &mut [u8],
-    faint: &mut [u8],
-    strong: &mut [u8],
-) {
-    let n = current.len();
-    let (background, noise) = (&background[..n], &noise[..n]);
-    let (magnitude, faint, strong) = (&mut magnitude[..n], &mut faint[..n], &mut strong[..n]);
-    for i in 0..n {
-        let difference = expose(current[i], exposure_q15).abs_diff(background[i]);
+    background: &[u16; BLOCK],
+    noise: &[u16; BLOCK],
+    [floor_faint, floor_strong]: [u16; 2],
+    magnitude: &mut [u8; BLOCK],
+    most: &mut [u8; BLOCK],
+) -> (u64, u64) {
+    let (mut faint, mut strong) = ([0u8; BLOCK], [0u8; BLOCK]);
+    for i in 0..BLOCK {
+        let difference = expose(picture[i], exposure_q15).abs_diff(background[i]);
         let deviation = noise[i];
-        magnitude[i] = (difference >> 8) as u8;
-        faint[i] = u8::from(difference >= (deviation * 2).max(floor_faint));
-        strong[i] = u8::from(difference >= (deviation * 5).max(floor_strong));
+        let change = (difference >> 8) as u8;
+        (magnitude[i], most[i]) = (change, most[i].max(change));
+        faint[i] = if difference >= (deviation * 2).max(floor_faint) { u8::MAX } else { 0 };
+        strong[i] = if difference >= (deviation * 5).max(floor_strong) { u8::MAX } else { 0 };
     }
-}
+    (bits_of(&faint), bits_of(&strong))
 }
 
-wide! {
-/// Takes away all marks where `valid` is 0 (else 1).
-pub fn keep_valid(valid: &[u8], faint: &mut [u8], strong: &mut [u8]) {
-    for ((f, s), v) in faint.iter_mut().zip(strong).zip(valid) {
-        *f &= v;
-        *s &= v;
-    }
-}
-}
-
-/// The second look of a pixel, see `background`: what is seen there besides the background, how many frames each
-/// of the two was seen, and whether the second was the background before.
+/// The second look of some pixels, see `background`.
 #[derive(Debug, Clone, Copy)]
 pub struct Layers<'a> {
     /// Level of the second look, 8.8 fixed point.
     pub second: &'a [u16],
-    /// 1 where the second look was the background once.
-    pub second_is_known: &'a [u8],
+    /// Marked where the second look was the background once.
+    pub known: u64,
 }
 
 wide! {
-/// Takes away marks where the picture shows what was the background before.
-pub fn forgive_known(
-    current: &[u8],
-    exposure_q15: u16,
-    noise: &[u16],
-    layers: Layers<'_>,
-    faint: &mut [u8],
-    strong: &mut [u8],
-) {
-    const BLOCK: usize = 64;
-    const FEW: u8 = 6;
-    for start in (0..current.len()).step_by(BLOCK) {
-        let block = start..(start + BLOCK).min(current.len());
-        let known = &layers.second_is_known[block.clone()];
-        // A few marks among known pixels are noise.
-        let marked = known.iter().zip(&faint[block.clone()]).fold(0u8, |n, (k, f)| n.wrapping_add(k & f));
-        if marked < FEW {
-            continue;
-        }
-        let (current, noise) = (&current[block.clone()], &noise[block.clone()]);
-        let second = &layers.second[block.clone()];
-        let (faint, strong) = (&mut faint[block.clone()], &mut strong[block]);
-        for i in 0..current.len() {
-            let same = expose(current[i], exposure_q15).abs_diff(second[i]) < tolerance(noise[i]);
-            let keep = !(u8::from(same) & known[i]) & 1;
-            faint[i] &= keep;
-            strong[i] &= keep;
-        }
+/// The pixels of a block of at most 64 that show what was the background before.
+pub fn known_look(picture: &[u8], exposure_q15: u16, noise: &[u16], layers: Layers<'_>) -> u64 {
+    let (picture, noise, second) = (padded(picture), padded(noise), padded(layers.second));
+    let mut same = [0u8; BLOCK];
+    for i in 0..BLOCK {
+        let near = expose(picture[i], exposure_q15).abs_diff(second[i]) < tolerance(noise[i]);
+        same[i] = if near { u8::MAX } else { 0 };
     }
+    bits_of(&same) & layers.known
 }
 }
 

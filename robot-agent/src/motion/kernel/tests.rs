@@ -19,58 +19,154 @@ fn the_network_median_equals_the_sorted_median_for_every_count() {
     }
 }
 
+#[test]
+fn what_differs_is_marked_as_the_formula_says_at_any_width() {
+    let mut rng = ChaCha8Rng::seed_from_u64(2);
+    for n in [16, 63, 64, 65, 130, 200] {
+        let (picture, mut most) = (bytes(&mut rng, n, 256), bytes(&mut rng, n, 256));
+        let background: Vec<u16> = picture.iter().map(|p| near(&mut rng, *p)).collect();
+        let noise: Vec<u16> = (0..n).map(|_| (rng.next_u32() % 500) as u16).collect();
+        let (mut magnitude, before) = (vec![0; n], most.clone());
+        let words = n.div_ceil(64);
+        let (mut faint, mut strong) = (vec![u64::MAX; words], vec![u64::MAX; words]);
+        let row = Compared {
+            picture: &picture,
+            exposure_q15: 32768,
+            background: &background,
+            noise: &noise,
+            floors: [512, 1536],
+        };
+        mark_changes(row, &mut magnitude, &mut most, &mut faint, &mut strong);
+        for x in 0..64 * words {
+            let bits = [faint[x / 64] >> (x % 64) & 1, strong[x / 64] >> (x % 64) & 1].map(|b| b != 0);
+            if x >= n {
+                assert_eq!(bits, [false; 2], "{x} of {n}");
+                continue;
+            }
+            let change = (f64::from(picture[x]) - f64::from(background[x]) / 256.0).abs();
+            let sigma = 1.25 * f64::from(noise[x]) / 256.0;
+            assert_eq!(
+                bits,
+                [change >= f64::max(2.0, 1.6 * sigma), change >= f64::max(6.0, 4.0 * sigma)],
+                "{x} of {n}"
+            );
+            assert_eq!(f64::from(magnitude[x]), change.floor());
+            assert_eq!(most[x], before[x].max(magnitude[x]));
+        }
+    }
+}
+
 /// All results of the loops on seeded pictures of a width that no vector divides.
-fn everything(seed: u64) -> Vec<Vec<u16>> {
+fn everything(seed: u64) -> Vec<Vec<u64>> {
     const N: usize = 1013;
+    const WORDS: usize = N.div_ceil(64);
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     let (current, before) = (bytes(&mut rng, N, 256), bytes(&mut rng, N, 256));
-    let (valid, how) = (bytes(&mut rng, N, 2), bytes(&mut rng, N, 3));
-    let near = |rng: &mut ChaCha8Rng| -> Vec<u16> {
-        current
-            .iter()
-            .map(|&c| (u16::from(c) << 8).saturating_add_signed((rng.next_u32() % 4000) as i16 - 2000))
-            .collect()
-    };
-    let (mut level, mut second) = (near(&mut rng), near(&mut rng));
+    let how = bytes(&mut rng, N, 3);
+    let mut level: Vec<u16> = current.iter().map(|c| near(&mut rng, *c)).collect();
+    let mut second: Vec<u16> = current.iter().map(|c| near(&mut rng, *c)).collect();
     let mut noise: Vec<u16> = (0..N).map(|_| (rng.next_u32() % u32::from(NOISE_MAX + 1)) as u16).collect();
-    let (mut seen, mut seen_second, mut known) = (bytes(&mut rng, N, 9), bytes(&mut rng, N, 9), bytes(&mut rng, N, 2));
-    let exposure = 30_000 + (rng.next_u32() % 6000) as u16;
-    let (mut magnitude, mut faint, mut strong) = (vec![0; N], vec![0; N], vec![0; N]);
-    mark_changes(&current, exposure, &level, &noise, 512, 1536, &mut magnitude, &mut faint, &mut strong);
-    keep_valid(&valid, &mut faint, &mut strong);
-    let marked = faint.clone();
-    let layers = Layers { second: &second, second_is_known: &known };
-    forgive_known(&current, exposure, &noise, layers, &mut faint, &mut strong);
+    let (mut seen, mut seen_second) = (bytes(&mut rng, N, 9), bytes(&mut rng, N, 9));
+    let mut known: Vec<u64> = (0..WORDS).map(|_| rng.next_u64()).collect();
+    let exposure_q15 = 30_000 + (rng.next_u32() % 6000) as u16;
+    let (mut magnitude, mut most) = (vec![0; N], before.clone());
+    let (mut faint, mut strong) = (vec![0; WORDS], vec![0; WORDS]);
+    let row = Compared { picture: &current, exposure_q15, background: &level, noise: &noise, floors: [512, 1536] };
+    mark_changes(row, &mut magnitude, &mut most, &mut faint, &mut strong);
+    let layers = Layers { second: &second[64..128], known: known[1] };
+    let forgiven = known_look(&current[64..128], exposure_q15, &noise[64..128], layers);
+    let products = products_by_fours(&faint[..3], &current, &level, &noise, 64);
     let mut looks = Looks {
         level: &mut level,
         second: &mut second,
         seen: &mut seen,
         seen_second: &mut seen_second,
-        second_is_known: &mut known,
+        known: &mut known,
     };
-    let exchanged = count_looks(&current, exposure, &how, &noise, seed.is_multiple_of(2), 8, 2, &mut looks);
-    learn(&current, exposure, &how, 4, 5, 12, NOISE_MAX, &mut level, &mut noise);
-    let mut trimmed = marked.clone();
-    keep_at_least(&magnitude, &before, &mut trimmed);
-    let mut most = before.clone();
-    raise(&magnitude, &mut most);
-    let mut sums = seen.clone();
-    slide_column_sums(&faint, &valid, &mut sums);
-    let mut majority = vec![0; N - 4];
-    threshold_row_sums(&faint, 2, &how, &mut majority);
-    let counts =
-        vec![u16::from(exchanged), count_ones(&marked) as u16, count_differences(&current, &before, 40) as u16];
-    let wider = |v: Vec<u8>| v.into_iter().map(u16::from).collect::<Vec<u16>>();
-    let mut all = vec![counts, level, second, noise];
-    all.extend([magnitude, faint, strong, marked, trimmed, most, sums, majority, seen, seen_second, known].map(wider));
+    let counting = Counting { also_kept: seed.is_multiple_of(2), most: 8, lead: 2 };
+    let exchanged = count_looks(&current, exposure_q15, &how, &noise, counting, &mut looks);
+    learn(&current, exposure_q15, &how, 4, 5, 12, NOISE_MAX, &mut level, &mut noise);
+    let trimmed = at_least(&magnitude, &before[..50]);
+    let mut counts = vec![0; COLUMN_PLANES * (WORDS + 2)];
+    for _ in 0..3 {
+        slide_counts(&faint, &strong, &mut counts);
+    }
+    let (need, mut majority) = ((0..PLANES * WORDS).map(|_| rng.next_u64()).collect::<Vec<_>>(), vec![0; WORDS]);
+    majority_of_counts(&counts, 2, &need, &mut majority);
+    let mut all = vec![known, faint, strong, counts, majority];
+    all.push(vec![u64::from(exchanged), forgiven, trimmed, count_differences(&current, &before, 40) as u64]);
+    all.push(products.into_iter().flatten().map(u64::from).collect());
+    all.extend([level, second, noise].map(|v| v.into_iter().map(u64::from).collect()));
+    all.extend([magnitude, most, seen, seen_second].map(|v| v.into_iter().map(u64::from).collect()));
     all
 }
 
 #[test]
 fn vector_instructions_change_no_bit() {
     for seed in 0..20 {
-        assert_eq!(everything(seed), portable(|| everything(seed)), "seed {seed}");
+        let plain = at_most(Level::Portable, || everything(seed));
+        for level in [Level::Avx2, Level::Avx512] {
+            assert_eq!(at_most(level, || everything(seed)), plain, "seed {seed}, {level:?}");
+        }
     }
+}
+
+/// The second looks of single pixels, counted one by one.
+#[test]
+fn looks_are_counted_as_the_rule_says() {
+    const N: usize = 200;
+    let mut rng = ChaCha8Rng::seed_from_u64(9);
+    for round in 0..50 {
+        let current = bytes(&mut rng, N, 256);
+        let how = bytes(&mut rng, N, 3);
+        let noise: Vec<u16> = (0..N).map(|_| (rng.next_u32() % 600) as u16).collect();
+        let old: [Vec<u16>; 2] = std::array::from_fn(|_| current.iter().map(|c| near(&mut rng, *c)).collect());
+        let counts: [Vec<u8>; 2] = std::array::from_fn(|_| bytes(&mut rng, N, 9));
+        let known: Vec<u64> = (0..4).map(|_| rng.next_u64()).collect();
+        let ([mut level, mut second], [mut seen, mut seen_second]) = (old.clone(), counts.clone());
+        let mut marks = known.clone();
+        let mut looks = Looks {
+            level: &mut level,
+            second: &mut second,
+            seen: &mut seen,
+            seen_second: &mut seen_second,
+            known: &mut marks,
+        };
+        let counting = Counting { also_kept: round % 2 == 0, most: 8, lead: 2 };
+        count_looks(&current, 32768, &how, &noise, counting, &mut looks);
+        for i in 0..N {
+            let (now, near) = (i32::from(current[i]) << 8, i32::from(noise[i] * 4).max(1024));
+            let [mut b, mut s] = [&old[0], &old[1]].map(|v| i32::from(v[i]));
+            let [mut nb, mut ns] = [&counts[0], &counts[1]].map(|v| i32::from(v[i]));
+            let mut is_known = known[i / 64] >> (i % 64) & 1 != 0;
+            let wanted = counting.also_kept || how[i] != KEEP;
+            if wanted && (now - b).abs() < near {
+                nb = (nb + 1).min(8);
+            } else if wanted {
+                if (now - s).abs() < near && ns > 0 {
+                    (s, ns) = (s + ((now - s) >> 3), (ns + 1).min(8));
+                } else {
+                    ns = (ns - 1).max(0);
+                    if ns == 0 {
+                        (s, ns, is_known) = (now, 1, false);
+                    }
+                }
+                if ns > nb + 2 || ns == 8 {
+                    (b, s, nb, ns, is_known) = (s, b, ns, nb.min(4), true);
+                }
+            } else {
+                nb = nb.min(8);
+            }
+            let found = (i32::from(level[i]), i32::from(second[i]), i32::from(seen[i]), i32::from(seen_second[i]));
+            assert_eq!(found, (b, s, nb, ns), "pixel {i}");
+            assert_eq!(marks[i / 64] >> (i % 64) & 1 != 0, is_known, "pixel {i}");
+        }
+    }
+}
+
+/// A level within eight grey levels of one, 8.8 fixed point.
+fn near(rng: &mut ChaCha8Rng, gray: u8) -> u16 {
+    (u16::from(gray) << 8).saturating_add_signed((rng.next_u32() % 4000) as i16 - 2000)
 }
 
 fn bytes(rng: &mut ChaCha8Rng, n: usize, below: u32) -> Vec<u8> {

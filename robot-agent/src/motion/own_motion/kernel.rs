@@ -1,4 +1,4 @@
-//! Sums for the sector fits, eight columns at a time so that they vectorise, and the match of column profiles over the ring.
+//! Sums for the sector fits, sixteen columns at a time so that they vectorise, and the match of column profiles over the ring.
 
 use std::ops::Range;
 
@@ -76,7 +76,7 @@ impl Sums {
 }
 
 /// Columns that are summed together.
-const LANES: usize = 8;
+const LANES: usize = 16;
 /// Every third row, for neighbours are blurred into each other anyway; of tall pictures so many.
 const ROW_STEP: usize = 3;
 const ROWS: usize = 54;
@@ -170,7 +170,7 @@ fn sums<T: Gray>(reference: &[T], picture: &[u8], valid: &[u8], raster: &Raster,
     Sums(total)
 }
 
-/// Eight columns of a row and their neighbours, in grey levels.
+/// Sixteen columns of a row and their neighbours, in grey levels.
 #[inline(always)]
 fn columns_of<T: Gray>(row: &[T], x0: usize, plain: bool, at: &[usize; LANES + 2]) -> [f32; LANES + 2] {
     let mut out = [0.0; LANES + 2];

@@ -1,32 +1,44 @@
-//! The same unwarping eight pixels at a time, for processors with AVX2; bit for bit what the plain loop gives.
+//! The same unwarping in an order that suits processors; bit for bit what the plain loop gives.
 //!
-//! Most of the time goes to cache misses in the source and to the table. So the table is stored in the order of work, six
-//! bytes a pixel: tiles of 64 columns from top to bottom, whose source is a wedge of the ring, and while a tile is worked on
-//! the source of the next one is fetched. The four source pixels are collected into one 32-bit word a pixel by plain loads
-//! (gather instructions are slower), a row of a tile ahead of the arithmetic. Rows of a source whose width is a multiple of 1024
-//! fall on the same lines of the cache; such a source is first copied, as far as it is used, to rows a line longer.
+//! Read pixel by pixel a source costs cache misses: a row of the panorama runs round the ring. So the panorama is cut into tiles
+//! whose source, a piece of a wedge of the ring, fits the first-level cache. For each tile that source is copied first, row by
+//! row as far as it is used, every pixel beside the one below it; then one 32-bit load gives all four pixels of a sample, found
+//! by a 16-bit offset. While a tile is worked on the source of the next one is fetched. Rows of pictures whose width is a power of two, which
+//! fall on the same lines of the cache, do no harm then, and the table needs four bytes a pixel.
 //!
 //! ```text
-//! word  a | b<<8 | c<<16 | d<<24      upper pair (a b), lower pair (c d)
-//! left  a(256−fy) + c·fy     right  b(256−fy) + d·fy        16 bits each: at most 255·256
-//! value (left(256−fx) + right·fx + 2¹⁵) >> 16               signed 16-bit multiply-add: both less 2¹⁵ before, 256·2¹⁵ after
+//! copy    … a c │ b d …               a b: pixels of a row, c d: those below them; one word
+//! left    256 a + (c − a) fy          right  256 b + (d − b) fy
+//! value   (256 left + (right − left) fx + 2¹⁵) >> 16
 //! ```
 
+use std::collections::BTreeMap;
+use std::ops::Range;
 use std::sync::{Arc, Mutex};
 
 use super::super::LutEntry;
+use crate::motion::kernel::wide;
 
 /// Columns of a tile.
 const COLUMNS: usize = 64;
-/// Pixels of the next tile's row whose source is fetched ahead.
-const AHEAD: [usize; 3] = [0, 32, 63];
+/// Pixels of a tile's copy at most, if it has more than one row: 28 KB.
+const MOST_PIXELS: usize = 14 * 1024;
+/// Pixels that are copied together.
+const BLOCK: usize = 32;
+/// Bytes of the copy: all that 16-bit offsets reach.
+const COPY_BYTES: usize = 2 * (1 << 16) + 2;
+/// Rows of a tile that are worked on together.
+const TOGETHER: usize = 4;
+/// Bytes of a line of the cache.
+const LINE: usize = 64;
 
-/// The table in the order of work. Every pixel's four source pixels lie inside a source of `source_len`: [`Tiles::new`] has
-/// checked it, nothing changes it.
+/// The table in the order of work.
 #[derive(Debug, Clone)]
 pub(crate) struct Tiles {
-    offsets: Vec<u32>,
-    /// fx | fy << 8.
+    tiles: Vec<Tile>,
+    spans: Vec<Span>,
+    /// Places in the tile's copy, and fx | fy << 8.
+    offsets: Vec<u16>,
     weights: Vec<u16>,
     /// Pixels with a weight of 256, which eight bits do not hold: at the source's last column or row.
     rim: Vec<(u32, LutEntry)>,
@@ -34,33 +46,38 @@ pub(crate) struct Tiles {
     source_len: usize,
     width: usize,
     height: usize,
-    copy: Option<PaddedCopy>,
+    /// One copy for all clones of a table; whoever finds it in use takes the plain loop.
+    copy: Arc<Mutex<Vec<u8>>>,
 }
 
-/// Where a source is copied to whose rows would fall on the same lines of the cache.
+/// A piece of the panorama, [`COLUMNS`] wide.
 #[derive(Debug, Clone)]
-struct PaddedCopy {
-    stride: usize,
-    /// First column that is used and the one after the last, for each row of the source.
-    used: Vec<[u32; 2]>,
-    /// One for all clones of a table; whoever finds it in use takes the plain loop.
-    pixels: Arc<Mutex<Vec<u8>>>,
+struct Tile {
+    column: usize,
+    rows: Range<usize>,
+    /// Of the source, as it is copied.
+    spans: Range<usize>,
 }
 
-/// Widths of sources that are copied: multiples of this …
-const ALIASING: usize = 1024;
-/// … to rows longer by this: a line of the cache.
-const PADDING: usize = 64;
+/// Neighbouring pixels of a row of the source.
+#[derive(Debug, Clone, Copy)]
+struct Span {
+    start: u32,
+    blocks: u32,
+}
 
 impl Tiles {
-    /// From the table by rows; `None` where this processor, or a panorama narrower than a tile, is left to the plain loop.
+    /// From the table by rows; `None` where it is left to the plain loop: panoramas narrower than a tile, tiny sources, maps
+    /// that jump about.
     pub(crate) fn new(entries: &[LutEntry], width: usize, source: [usize; 2]) -> Option<Self> {
-        if !is_available() || width < COLUMNS || !entries.len().is_multiple_of(width) {
+        let [stride, rows] = source;
+        let (source_len, height) = (stride * rows, entries.len() / width.max(1));
+        if width < COLUMNS || !entries.len().is_multiple_of(width) || source_len < stride + BLOCK {
             return None;
         }
-        let [stride, rows] = source;
-        let (source_len, height) = (stride * rows, entries.len() / width);
         let mut tiles = Self {
+            tiles: Vec::new(),
+            spans: Vec::new(),
             offsets: Vec::with_capacity(entries.len()),
             weights: Vec::with_capacity(entries.len()),
             rim: Vec::new(),
@@ -68,39 +85,92 @@ impl Tiles {
             source_len,
             width,
             height,
-            copy: PaddedCopy::new(entries, source),
+            copy: Arc::default(),
         };
-        let inner = tiles.inner_stride();
-        for start in starts(width) {
-            for v in 0..height {
-                for (i, entry) in entries[v * width + start..][..COLUMNS].iter().enumerate() {
-                    let (packed, weight) = match in_eight_bits(*entry, source) {
-                        Some(narrow) => narrow,
-                        None => {
-                            tiles.rim.push(((v * width + start + i) as u32, *entry));
-                            (entry.offset, 0)
-                        }
-                    };
-                    if packed as usize + stride + 1 >= source_len {
-                        return None;
-                    }
-                    tiles.offsets.push((packed as usize / stride * inner + packed as usize % stride) as u32);
-                    tiles.weights.push(weight);
-                }
+        for column in (0..width).step_by(COLUMNS).map(|start| start.min(width - COLUMNS)) {
+            let mut first = 0;
+            while first < height {
+                first = tiles.add_tile(entries, column, first)?;
             }
         }
         Some(tiles)
     }
 
-    /// Pixels of a row in what the offsets point into.
-    fn inner_stride(&self) -> usize {
-        self.copy.as_ref().map_or(self.stride, |copy| copy.stride)
+    /// Adds a tile with as many rows as its copy holds; the row after its last.
+    fn add_tile(&mut self, entries: &[LutEntry], column: usize, first: usize) -> Option<usize> {
+        let (stride, rows) = (self.stride, self.source_len / self.stride);
+        let row = |v: usize| &entries[v * self.width + column..][..COLUMNS];
+        let place = |entry: &LutEntry| match in_eight_bits(*entry, [stride, rows]) {
+            Some((offset, weight)) => (offset as usize, Some(weight)),
+            None => (entry.offset as usize, None),
+        };
+        // First and last pixel of each row of the source, as far as the tile goes, and how many there are in all.
+        let mut used: BTreeMap<usize, [usize; 2]> = BTreeMap::new();
+        let length = |[low, high]: [usize; 2]| (high + 2 - low).next_multiple_of(BLOCK);
+        let mut pixels = 0;
+        let mut end = first;
+        for v in first..self.height {
+            for entry in row(v) {
+                let (offset, _) = place(entry);
+                if offset + stride + 1 >= self.source_len {
+                    return None;
+                }
+                match used.get_mut(&(offset / stride)) {
+                    Some(span) => {
+                        pixels -= length(*span);
+                        *span = [span[0].min(offset), span[1].max(offset)];
+                        pixels += length(*span);
+                    }
+                    None => {
+                        used.insert(offset / stride, [offset; 2]);
+                        pixels += BLOCK;
+                    }
+                }
+            }
+            // What the row one too many used stays: it does no harm.
+            if pixels > MOST_PIXELS && v > first {
+                break;
+            }
+            end = v + 1;
+        }
+        if pixels > usize::from(u16::MAX) {
+            return None;
+        }
+        let spans = self.spans.len();
+        let mut base = 0;
+        // Where a row's pixel 0 would be in the copy.
+        let mut bases: BTreeMap<usize, isize> = BTreeMap::new();
+        for (source_row, span) in used {
+            let length = length(span);
+            // The last row's span must not run out of the picture.
+            let start = span[0].min(self.source_len.checked_sub(stride + length)?);
+            bases.insert(source_row, base as isize - start as isize);
+            self.spans.push(Span { start: start as u32, blocks: (length / BLOCK) as u32 });
+            base += length;
+        }
+        for v in first..end {
+            for (i, entry) in row(v).iter().enumerate() {
+                let (offset, weight) = place(entry);
+                let base = bases.get(&(offset / stride))?;
+                self.offsets.push(u16::try_from(offset as isize + base).ok()?);
+                self.weights.push(weight.unwrap_or(0));
+                if weight.is_none() {
+                    self.rim.push(((v * self.width + column + i) as u32, *entry));
+                }
+            }
+        }
+        self.tiles.push(Tile { column, rows: first..end, spans: spans..self.spans.len() });
+        Some(end)
     }
 
     /// Bytes held.
     pub(crate) fn memory_bytes(&self) -> usize {
-        let copy = self.copy.as_ref().map_or(0, |copy| copy.stride * copy.used.len());
-        copy + size_of_val(&*self.offsets) + size_of_val(&*self.weights) + size_of_val(&*self.rim)
+        size_of_val(&*self.tiles)
+            + size_of_val(&*self.spans)
+            + size_of_val(&*self.offsets)
+            + size_of_val(&*self.weights)
+            + size_of_val(&*self.rim)
+            + COPY_BYTES
     }
 
     /// Unwarps; whether it could: a source or output of another size is left to the plain loop.
@@ -108,69 +178,15 @@ impl Tiles {
         if source.len() != self.source_len || out.len() != self.width * self.height {
             return false;
         }
-        #[cfg(target_arch = "x86_64")]
-        {
-            if let Some(copy) = &self.copy {
-                let Ok(mut pixels) = copy.pixels.try_lock() else { return false };
-                copy.fill(source, self.stride, &mut pixels);
-                // SAFETY: as below; the copy has as many rows as the source, each at least as long.
-                unsafe { avx2::unwarp(self, &pixels, out) };
-            } else {
-                // SAFETY: `new` gives no table where AVX2 is not there; the lengths were compared above.
-                unsafe { avx2::unwarp(self, source, out) };
-            }
-            for (i, entry) in &self.rim {
-                out[*i as usize] = super::sample(source, self.stride, *entry);
-            }
-            true
+        let Ok(mut copy) = self.copy.try_lock() else { return false };
+        copy.resize(COPY_BYTES, 0);
+        let Some(copy) = copy.first_chunk_mut() else { return false };
+        work(self, source, copy, out);
+        for (i, entry) in &self.rim {
+            out[*i as usize] = super::sample(source, self.stride, *entry);
         }
-        #[cfg(not(target_arch = "x86_64"))]
-        false
+        true
     }
-}
-
-impl PaddedCopy {
-    fn new(entries: &[LutEntry], [stride, rows]: [usize; 2]) -> Option<Self> {
-        if !stride.is_multiple_of(ALIASING) || u32::try_from((stride + PADDING) * rows).is_err() {
-            return None;
-        }
-        let mut used = vec![[u32::MAX, 0]; rows];
-        for entry in entries {
-            let (row, column) = (entry.offset as usize / stride, (entry.offset as usize % stride) as u32);
-            // A weight of 256 makes the pixel after the next the second of a pair.
-            for [first, end] in used.iter_mut().skip(row).take(3) {
-                *first = (*first).min(column);
-                *end = (*end).max((column + 3).min(stride as u32));
-            }
-        }
-        Some(Self { stride: stride + PADDING, used, pixels: Arc::default() })
-    }
-
-    #[cfg(target_arch = "x86_64")]
-    fn fill(&self, source: &[u8], stride: usize, pixels: &mut Vec<u8>) {
-        pixels.resize(self.stride * self.used.len(), 0);
-        let rows = source.chunks_exact(stride).zip(pixels.chunks_exact_mut(self.stride));
-        for ((from, to), [first, end]) in rows.zip(&self.used) {
-            if first < end {
-                let columns = *first as usize..*end as usize;
-                to[columns.clone()].copy_from_slice(&from[columns]);
-            }
-        }
-    }
-}
-
-fn is_available() -> bool {
-    #[cfg(target_arch = "x86_64")]
-    {
-        std::arch::is_x86_feature_detected!("avx2")
-    }
-    #[cfg(not(target_arch = "x86_64"))]
-    false
-}
-
-/// First columns of the tiles. The last one ends with the row, so it may repeat a part of the one before.
-fn starts(width: usize) -> impl Iterator<Item = usize> {
-    (0..width).step_by(COLUMNS).map(move |start| start.min(width - COLUMNS))
 }
 
 /// Offset and weights below 256 of the same place: a weight of 256 is the next pixel with weight 0. `None` at the rim.
@@ -185,89 +201,97 @@ fn in_eight_bits(entry: LutEntry, [stride, rows]: [usize; 2]) -> Option<(u32, u1
     (fx < 256 && fy < 256).then_some((offset, fx | fy << 8))
 }
 
-#[cfg(target_arch = "x86_64")]
-mod avx2 {
-    use std::arch::x86_64::*;
-
-    use super::{AHEAD, COLUMNS, Tiles, starts};
-
-    /// # Safety
-    /// The processor has AVX2; `source` and `out` have the table's lengths.
-    #[target_feature(enable = "avx2")]
-    pub(super) unsafe fn unwarp(tiles: &Tiles, source: &[u8], out: &mut [u8]) {
-        let (width, height, stride) = (tiles.width, tiles.height, tiles.inner_stride());
-        let mut words = [[0u32; COLUMNS]; 2];
-        let tile = height * COLUMNS;
-        for (t, start) in starts(width).enumerate() {
-            let offsets = &tiles.offsets[t * tile..][..tile];
-            let weights = &tiles.weights[t * tile..][..tile];
-            let next = tiles.offsets.get((t + 1) * tile..(t + 2) * tile).unwrap_or(offsets);
-            for v in 0..=height {
-                if v < height {
-                    let here: &[u32; COLUMNS] = offsets[v * COLUMNS..].first_chunk().unwrap_or(&[0; COLUMNS]);
-                    for i in AHEAD {
-                        let offset = next[v * COLUMNS + i] as usize;
-                        // SAFETY: inside the source, as for every offset of the table; a prefetch reads nothing.
-                        unsafe { _mm_prefetch::<_MM_HINT_T0>(source.as_ptr().add(offset).cast()) };
-                    }
-                    for (word, offset) in words[v & 1].iter_mut().zip(here) {
-                        // SAFETY: `Tiles::new` has checked offset + stride + 1 < source length.
-                        let (upper, lower) = unsafe {
-                            let at = source.as_ptr().add(*offset as usize);
-                            (at.cast::<u16>().read_unaligned(), at.add(stride).cast::<u16>().read_unaligned())
-                        };
-                        *word = u32::from(u16::from_le(upper)) | u32::from(u16::from_le(lower)) << 16;
-                    }
+wide! {
+/// All tiles, one after the other.
+fn work(tiles: &Tiles, source: &[u8], copy: &mut [u8; COPY_BYTES], out: &mut [u8]) {
+    let (stride, width) = (tiles.stride, tiles.width);
+    let (mut offsets, mut weights) = (tiles.offsets.as_chunks::<COLUMNS>().0, tiles.weights.as_chunks::<COLUMNS>().0);
+    let mut words = [[0u32; COLUMNS]; TOGETHER];
+    for (t, tile) in tiles.tiles.iter().enumerate() {
+        fill(copy, source, stride, &tiles.spans[tile.spans.clone()]);
+        let next = tiles.tiles.get(t + 1).map_or(&[][..], |next| &tiles.spans[next.spans.clone()]);
+        let (rows, mut fetched) = (tile.rows.len(), 0);
+        // Some rows are collected before the first of them is worked on: what was just stored in small pieces cannot be read
+        // at once in a large one.
+        for first in (0..rows).step_by(TOGETHER) {
+            let n = TOGETHER.min(rows - first);
+            let until = next.len() * (first + n) / rows;
+            fetch(source, &next[fetched..until]);
+            fetched = until;
+            let (Some((here, later)), Some((weight, later_weights))) =
+                (offsets.split_at_checked(n), weights.split_at_checked(n))
+            else {
+                return;
+            };
+            collect(copy, here, &mut words);
+            for (k, (words, weights)) in words.iter().zip(weight).enumerate() {
+                let v = tile.rows.start + first + k;
+                if let Some(out) = out[v * width + tile.column..].first_chunk_mut() {
+                    interpolate(words, weights, out);
                 }
-                if let Some(done) = v.checked_sub(1) {
-                    let weights: &[u16; COLUMNS] = weights[done * COLUMNS..].first_chunk().unwrap_or(&[0; COLUMNS]);
-                    let row: Option<&mut [u8; COLUMNS]> = out[done * width + start..].first_chunk_mut();
-                    if let Some(row) = row {
-                        interpolate(&words[done & 1], weights, row);
-                    }
-                }
+            }
+            (offsets, weights) = (later, later_weights);
+        }
+    }
+}
+}
+
+/// Copies the spans, each pixel beside the one below it.
+#[inline(always)]
+fn fill(copy: &mut [u8; COPY_BYTES], source: &[u8], stride: usize, spans: &[Span]) {
+    let mut blocks = copy.as_chunks_mut::<{ 2 * BLOCK }>().0.iter_mut();
+    for span in spans {
+        let length = span.blocks as usize * BLOCK;
+        let upper = &source[span.start as usize..][..length];
+        let lower = &source[span.start as usize + stride..][..length];
+        let pairs = upper.as_chunks::<BLOCK>().0.iter().zip(lower.as_chunks::<BLOCK>().0);
+        for ((upper, lower), block) in pairs.zip(&mut blocks) {
+            for (pair, (a, c)) in block.as_chunks_mut::<2>().0.iter_mut().zip(upper.iter().zip(lower)) {
+                *pair = [*a, *c];
             }
         }
     }
+}
 
-    #[target_feature(enable = "avx2")]
-    fn interpolate(words: &[u32; COLUMNS], weights: &[u16; COLUMNS], out: &mut [u8; COLUMNS]) {
-        for half in 0..COLUMNS / 32 {
-            let mut values = [_mm256_setzero_si256(); 4];
-            for (k, value) in values.iter_mut().enumerate() {
-                let i = half * 32 + k * 8;
-                // SAFETY: eight words and eight weights from i on: i + 8 <= COLUMNS.
-                let (word, weight) = unsafe {
-                    (_mm256_loadu_si256(words.as_ptr().add(i).cast()), _mm_loadu_si128(weights.as_ptr().add(i).cast()))
-                };
-                *value = eight(word, _mm256_cvtepu16_epi32(weight));
-            }
-            let low = _mm256_packus_epi32(values[0], values[1]);
-            let high = _mm256_packus_epi32(values[2], values[3]);
-            let bytes = _mm256_packus_epi16(low, high);
-            // Packing works on halves of the register: put the words in order again.
-            let ordered = _mm256_permutevar8x32_epi32(bytes, _mm256_setr_epi32(0, 4, 1, 5, 2, 6, 3, 7));
-            // SAFETY: 32 bytes from half · 32 on, of COLUMNS.
-            unsafe { _mm256_storeu_si256(out.as_mut_ptr().add(half * 32).cast(), ordered) };
+/// Fetches spans into the cache.
+#[inline(always)]
+fn fetch(source: &[u8], spans: &[Span]) {
+    #[cfg(target_arch = "x86_64")]
+    for span in spans {
+        let pixels = span.start as usize..(span.start + span.blocks * BLOCK as u32) as usize;
+        for line in source.get(pixels).unwrap_or(&[]).chunks(LINE) {
+            use std::arch::x86_64::{_MM_HINT_T0, _mm_prefetch};
+            // SAFETY: a hint on a place inside the source; nothing is read.
+            unsafe { _mm_prefetch::<_MM_HINT_T0>(line.as_ptr().cast()) };
         }
     }
+    #[cfg(not(target_arch = "x86_64"))]
+    let _ = (source, spans, LINE);
+}
 
-    /// Eight pixels from their words and weights, 32 bits each.
-    #[target_feature(enable = "avx2")]
-    fn eight(word: __m256i, weight: __m256i) -> __m256i {
-        let pair = |part: __m256i| {
-            // part << 16 | 256 − part, for parts below 256.
-            _mm256_add_epi32(_mm256_sub_epi32(_mm256_slli_epi32::<16>(part), part), _mm256_set1_epi32(256))
-        };
-        let bytes = _mm256_set1_epi32(0x00ff_00ff);
-        let fx = pair(_mm256_and_si256(weight, _mm256_set1_epi32(0xff)));
-        let fy = pair(_mm256_srli_epi32::<8>(weight));
-        let left = _mm256_madd_epi16(_mm256_and_si256(word, bytes), fy);
-        let right = _mm256_madd_epi16(_mm256_and_si256(_mm256_srli_epi32::<8>(word), bytes), fy);
-        let both = _mm256_or_si256(left, _mm256_slli_epi32::<16>(right));
-        let signed = _mm256_xor_si256(both, _mm256_set1_epi32(0x8000_8000_u32 as i32));
-        let sum = _mm256_madd_epi16(signed, fx);
-        _mm256_srli_epi32::<16>(_mm256_add_epi32(sum, _mm256_set1_epi32((256 << 15) + (1 << 15))))
+/// The four pixels of each sample of some rows. Not compiled for wider vectors: one load a pixel is faster than a gather
+/// instruction.
+#[inline(never)]
+fn collect(copy: &[u8; COPY_BYTES], offsets: &[[u16; COLUMNS]], words: &mut [[u32; COLUMNS]; TOGETHER]) {
+    for (words, offsets) in words.iter_mut().zip(offsets) {
+        for (word, offset) in words.iter_mut().zip(offsets) {
+            let at = 2 * usize::from(*offset);
+            *word = u32::from_le_bytes([copy[at], copy[at + 1], copy[at + 2], copy[at + 3]]);
+        }
+    }
+}
+
+/// A row of a tile. Left and right are worked on together in halves of a word: what one half borrows from the other, it gives
+/// back with the sum.
+#[inline(always)]
+fn interpolate(words: &[u32; COLUMNS], weights: &[u16; COLUMNS], out: &mut [u8; COLUMNS]) {
+    for i in 0..COLUMNS {
+        let (word, fx, fy) = (words[i], u32::from(weights[i] & 255), u32::from(weights[i] >> 8));
+        let (upper, lower) = (word & 0x00ff_00ff, word >> 8 & 0x00ff_00ff);
+        let both = (upper << 8).wrapping_add(lower.wrapping_sub(upper).wrapping_mul(fy));
+        let (left, right) = (both & 0xffff, both >> 16);
+        let value = (left << 8).wrapping_add(right.wrapping_sub(left).wrapping_mul(fx)).wrapping_add(1 << 15);
+        out[i] = (value >> 16) as u8;
     }
 }
 
@@ -276,12 +300,24 @@ mod tests {
     use rand::{Rng, SeedableRng};
 
     use super::*;
+    use crate::motion::kernel::{Level, at_most};
+
+    fn check(entries: &[LutEntry], width: usize, [stride, rows]: [usize; 2], rng: &mut rand_chacha::ChaCha8Rng) {
+        let source: Vec<u8> = (0..stride * rows).map(|_| (rng.next_u32() >> 24) as u8).collect();
+        let tiles = Tiles::new(entries, width, [stride, rows]).unwrap();
+        let mut want = vec![0; entries.len()];
+        super::super::unwarp(&source, stride, entries, width, &mut want);
+        for level in [Level::Portable, Level::Avx2, Level::Avx512] {
+            let mut got = vec![0; entries.len()];
+            assert!(at_most(level, || tiles.unwarp(&source, &mut got)));
+            assert_eq!(got, want, "{width} columns, {level:?}");
+        }
+    }
 
     #[test]
     fn tiles_give_what_the_plain_loop_gives_at_any_place_and_weight() {
         let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(4);
         for (width, stride, rows) in [(64, 70, 40), (65, 200, 90), (150, 33, 20), (192, 16, 16), (130, 1024, 30)] {
-            let source: Vec<u8> = (0..stride * rows).map(|_| (rng.next_u32() >> 24) as u8).collect();
             let entries: Vec<LutEntry> = (0..width * 9)
                 .map(|_| {
                     let (x, y) = (rng.next_u32() % (stride as u32 - 1), rng.next_u32() % (rows as u32 - 1));
@@ -289,15 +325,24 @@ mod tests {
                     LutEntry { offset: y * stride as u32 + x, fx: weight(rng.next_u32()), fy: weight(rng.next_u32()) }
                 })
                 .collect();
-            let Some(tiles) = Tiles::new(&entries, width, [stride, rows]) else {
-                assert!(!is_available(), "no tiles for {width} columns");
-                continue;
-            };
-            let (mut want, mut got) = (vec![0; entries.len()], vec![0; entries.len()]);
-            super::super::unwarp(&source, stride, &entries, width, &mut want);
-            assert!(tiles.unwarp(&source, &mut got));
-            assert_eq!(got, want, "{width} columns");
+            check(&entries, width, [stride, rows], &mut rng);
         }
+    }
+
+    #[test]
+    fn tiles_give_what_the_plain_loop_gives_on_a_ring() {
+        let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(5);
+        let (width, height, stride, rows) = (700, 90, 512, 300);
+        let entries: Vec<LutEntry> = (0..width * height)
+            .map(|i| {
+                let (column, radius) = (i % width, 149.0 - 1.1 * (i / width) as f64);
+                let (sin, cos) = (std::f64::consts::TAU * column as f64 / width as f64).sin_cos();
+                let (x, y) = (250.0 + radius * cos, 149.6 + radius * sin);
+                let weight = |v: f64| (256.0 * v.fract()) as u16;
+                LutEntry { offset: y as u32 * stride as u32 + x as u32, fx: weight(x), fy: weight(y) }
+            })
+            .collect();
+        check(&entries, width, [stride, rows], &mut rng);
     }
 
     #[test]
