@@ -2,8 +2,8 @@
 
 use super::wide;
 
-/// Pixels sorted together: two registers of AVX2.
-const BLOCK: usize = 64;
+/// Pixels sorted together: several registers, so that one works while another waits.
+const BLOCK: usize = 128;
 
 /// Exact medians of columns of a stack (`MATHS.md` §7.2): `frames[f][i]` over f; even counts give (lower + upper + 1) >> 1.
 /// Batcher's sorting network without the comparators on which the middle does not depend, on blocks of pixels: minima and
