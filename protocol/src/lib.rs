@@ -4,6 +4,7 @@ pub mod angle;
 pub mod appearance;
 #[cfg(feature = "zenoh")]
 pub mod board;
+pub mod closed_pipe;
 pub mod codec;
 pub mod document;
 pub mod estimate;

@@ -61,6 +61,8 @@ use error::words;
 
 /// Time that closing a session may take. Zenoh itself would allow 10 s on a bad link.
 pub const CLOSE_LIMIT: Duration = Duration::from_secs(2);
+/// Time in which a session that is closed can be followed by another: its endpoints may be in use for a moment.
+pub const REOPEN_LIMIT: Duration = Duration::from_secs(5);
 /// One attempt of a client that waits for ever. After the first it says so; whoever gives up waiting is rid of it after this time.
 const ATTEMPT_LIMIT: Duration = Duration::from_secs(1);
 /// Time that the session's own counters may take to answer.
@@ -90,6 +92,34 @@ impl Transport {
     /// # Errors
     /// Wrong endpoints or configuration, a port that is taken, nobody there in time, a single-threaded runtime.
     pub async fn open(options: Options) -> Result<Self, TransportError> {
+        Self::open_with(options, Arc::default()).await
+    }
+
+    /// Closes this session and opens another with the same settings at the same endpoints: for a program that the others have
+    /// given up. What was declared is gone, for all clones; what the meter has counted goes on.
+    ///
+    /// # Errors
+    /// It cannot be opened within [`REOPEN_LIMIT`].
+    pub async fn reopen(self) -> Result<Self, TransportError> {
+        let mut options = (*self.options).clone();
+        if options.listen.iter().any(|endpoint| endpoint.ends_with(":0")) {
+            options.listen = self.locators().await;
+        }
+        let meter = self.meter.clone();
+        if let Err(error) = self.close().await {
+            tracing::warn!("{error}");
+        }
+        let until = tokio::time::Instant::now() + REOPEN_LIMIT;
+        loop {
+            match Self::open_with(options.clone(), meter.clone()).await {
+                Err(error) if tokio::time::Instant::now() < until => tracing::debug!("{error}"),
+                opened => return opened,
+            }
+            tokio::time::sleep(RETRY[0]).await;
+        }
+    }
+
+    async fn open_with(options: Options, meter: Arc<Meter>) -> Result<Self, TransportError> {
         // Zenoh panics in a single-threaded runtime.
         let runtime = tokio::runtime::Handle::try_current().map_err(|_| TransportError::Runtime)?;
         if runtime.runtime_flavor() == tokio::runtime::RuntimeFlavor::CurrentThread {
@@ -126,7 +156,7 @@ impl Transport {
             }
             tokio::time::sleep(RETRY[0]).await;
         };
-        let transport = Self { session, options: Arc::new(options), meter: Arc::default() };
+        let transport = Self { session, options: Arc::new(options), meter };
         transport.board().connected(&transport);
         Ok(transport)
     }

@@ -5,5 +5,6 @@ mod cli;
 use std::process::ExitCode;
 
 fn main() -> ExitCode {
+    protocol::closed_pipe::end_quietly();
     cli::main()
 }

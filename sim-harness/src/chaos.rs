@@ -488,7 +488,8 @@ impl Team {
                     self.leaders[k].recorded.push(key);
                 }
                 Output::Reign(None) => self.leaders[k].published = None,
-                Output::Reign(Some(_)) | Output::Guidance(_) | Output::Notice(_) => {}
+                // The links here hold no state that could be stale.
+                Output::Reign(Some(_)) | Output::Renew | Output::Guidance(_) | Output::Notice(_) => {}
             }
         }
     }

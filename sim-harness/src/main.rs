@@ -45,6 +45,7 @@ enum Command {
 }
 
 fn main() -> ExitCode {
+    protocol::closed_pipe::end_quietly();
     tracing_subscriber::fmt()
         .with_env_filter(
             tracing_subscriber::EnvFilter::try_from_default_env()

@@ -193,6 +193,7 @@ impl Recording {
                     Output::ClockProbe(..)
                     | Output::Guidance(_)
                     | Output::Reign(_)
+                    | Output::Renew
                     | Output::Candidacy(_)
                     | Output::Alarm(_) => {}
                 }

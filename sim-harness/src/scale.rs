@@ -172,11 +172,11 @@ async fn measure_async(
     let team = leader::team_id()?;
     let observer = Transport::open(Options::client([endpoint])).await.map_err(failed)?;
     let mut maps = observer.subscribe::<TeamMap>(Key::map(team)).await.map_err(failed)?;
-    let (stop, stopped) = tokio::sync::watch::channel(false);
+    let (stop, stopped) = tokio::sync::watch::channel(sender::Conduct::default());
     let mut senders = Vec::new();
     for index in 0..load.robots {
         let room = Room::new(index / ROOM, load.seed);
-        senders.push(sender::start(room, index, load.rate_hz, endpoint, stopped.clone()).await?);
+        senders.push(sender::start(team, room, index, load.rate_hz, &[endpoint.to_owned()], stopped.clone()).await?);
     }
     let clock = Clock::system();
     let look = || figures_of(leader).ok_or_else(|| failed("the leader's process has ended"));
@@ -204,7 +204,7 @@ async fn measure_async(
     }
     let end = look()?;
     let (start, since) = settled.unwrap_or((end, began));
-    let _ = stop.send(true);
+    stop.send_modify(|conduct| conduct.stopped = true);
     let mut sent = 0;
     for sender in senders {
         sent += sender.await.map_err(failed)?;

@@ -293,6 +293,8 @@ fn map(heard: &Heard, notes: &mut Notes) {
             "a marker's radius or height, a camera's height or tilt is not what its file says; see the differences below",
         ),
     }
+    let believed = map.robots.iter().filter(|robot| robot.team_from_body.is_some() && !robot.verifiable);
+    unverifiable(&believed.map(|robot| robot.id.as_str()).collect::<Vec<_>>(), notes);
     for robot in &map.robots {
         match robot.presence {
             Presence::Offline => notes.warning(&robot.id, "is offline", "it was here before; start its agent again"),
@@ -327,6 +329,15 @@ fn map(heard: &Heard, notes: &mut Notes) {
             }
             None => {}
         }
+    }
+}
+
+/// Whoever has to be believed: no fault, but good to know where not everybody is trusted.
+fn unverifiable(robots: &[&str], notes: &mut Notes) {
+    if !robots.is_empty() {
+        let what =
+            "unverifiable: fewer than three other robots see each other, so false sightings could move the others";
+        notes.fine(&robots.join(", "), what);
     }
 }
 

@@ -73,6 +73,8 @@ pub enum Input {
     Map(TeamMap),
     /// This program stood still for longer than the others wait ([`THAW_AFTER`]).
     Thawed,
+    /// A new session is open ([`Output::Renew`]): the others must be heard in it first.
+    Renewed,
     /// `next_deadline` has come.
     Deadline,
 }
@@ -82,6 +84,8 @@ pub enum Input {
 pub enum Output {
     /// Lead: publish maps and answer for the team, in this term; `None`: stand by, take all of that back.
     Reign(Option<u64>),
+    /// Go on in a new session: the other leaders have given this one up, or it does not hear them.
+    Renew,
     /// Publish, and answer queries with it from now on. Only while it leads.
     Map(TeamMap),
     /// Tell the other leaders.
@@ -174,7 +178,12 @@ impl Leader {
                 self.is_used(health.robot, verdict, outputs);
             }
             Input::Map(map) => self.map_heard(now, &map, outputs),
-            Input::LeaderAlive(_) | Input::LeaderGone(_) | Input::Candidacy(_) | Input::Thawed | Input::Deadline => {}
+            Input::LeaderAlive(_)
+            | Input::LeaderGone(_)
+            | Input::Candidacy(_)
+            | Input::Thawed
+            | Input::Renewed
+            | Input::Deadline => {}
         }
         self.probe(now, outputs);
     }
@@ -235,8 +244,18 @@ impl Leader {
                 }
                 self.replay_start = self.replay_start.or(word.replay_start);
             }
-            Input::Thawed if self.succession.thawed(now).is_some() => outputs.push(Output::Reign(None)),
+            Input::Thawed | Input::Renewed => {
+                if matches!(input, Input::Thawed) && self.succession.knows_others() {
+                    outputs.push(Output::Renew);
+                }
+                if self.succession.thawed(now).is_some() {
+                    outputs.push(Output::Reign(None));
+                }
+            }
             _ => {}
+        }
+        if self.succession.is_deaf(now) {
+            outputs.push(Output::Renew);
         }
         let robots = self.robots_used(now);
         match self.succession.decide(now, robots) {
@@ -276,6 +295,7 @@ impl Leader {
             self.members.iter().map(|m| m.facts(now, self.config.silent_after_s)).collect();
         for (robot, facts) in facts.iter_mut().enumerate() {
             (facts.shared, facts.trust) = (self.systematic.of(robot), self.trust(robot));
+            facts.verifiable = self.calibrator.is_verifiable(robot);
         }
         let mut map = build(&facts, &self.calibrator, &self.follower, &self.config, stamp);
         map.sequence = self.sequence;

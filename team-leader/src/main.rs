@@ -48,6 +48,7 @@ enum Command {
 }
 
 fn main() -> ExitCode {
+    protocol::closed_pipe::end_quietly();
     let cli = Cli::parse();
     let filter = EnvFilter::try_from_default_env().unwrap_or_else(|_| {
         EnvFilter::new("info,zenoh=warn,zenoh::net=error,zenoh_transport=error,zenoh_link_tcp=error")

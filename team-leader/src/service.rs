@@ -10,6 +10,12 @@
 //! Any number of leaders stand by, hearing and computing what the first one does; which one leads is the core's to say. Only
 //! that one declares the map's publishers and answers for the team.
 //!
+//! **A session of its own, again.** Zenoh's routers (1.10.2) may add a link that the other side has just opened to a session that
+//! the other side gave up long ago (after a freeze, or a short loss of the link): the link lives, and nothing that needs a
+//! declaration passes it any more (zenoh#1886). Both leaders dial each other, so a thawed leader meets it every other time. So
+//! who was given up, or hears another leader's token and never its word, closes its session and opens another
+//! ([`Output::Renew`](crate::leader::Output::Renew)).
+//!
 //! One task does all of it, so nothing is locked. Inputs wait in bounded rings and carry the time of their arrival, stamped
 //! before they waited. Questions (the map, when recordings begin) are answered from the last state.
 
@@ -120,7 +126,7 @@ impl Service {
     /// # Errors
     /// The session did not close in time.
     pub async fn run(self, shutdown: impl Future<Output = ()>) -> Result<Summary, TransportError> {
-        let Self { transport, nobody_after, mut inbox, mut desk, .. } = self;
+        let Self { mut transport, nobody_after, mut inbox, mut desk, .. } = self;
         desk.wake();
         let mut shutdown = std::pin::pin!(shutdown);
         let mut nobody = std::pin::pin!(tokio::time::sleep(nobody_after));
@@ -151,6 +157,11 @@ impl Service {
                     nobody_waits = false;
                     desk.say_if_nobody_came();
                 }
+            }
+            if desk.renews() {
+                transport = transport.reopen().await?;
+                inbox = Inbox::declare(&transport, desk.team()).await?;
+                desk.renew(&transport).await?;
             }
             desk.declare_guidance().await;
             if inbox.answers() != desk.reigns() {

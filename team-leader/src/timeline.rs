@@ -52,14 +52,14 @@ pub struct Admission {
 
 impl Timeline {
     /// Admits the observation number `sequence` of session `epoch`, captured `at` (leader's clock), or says why not.
-    /// `newest` is the newest capture of the whole team, `now` the leader's time (`None`: not known, recordings).
+    /// `newest` is the newest capture of the whole team, `now` the leader's time.
     pub fn admit(
         &mut self,
         epoch: u64,
         sequence: u32,
         at: Timestamp,
         newest: Option<Timestamp>,
-        now: Option<Timestamp>,
+        now: Timestamp,
     ) -> Result<Admission, Refusal> {
         let new_session = self.epoch != Some(epoch);
         let older = self.last_capture.is_some_and(|last| at <= last);
@@ -72,7 +72,7 @@ impl Timeline {
             Some(Refusal::OutOfOrder)
         } else if newest.is_some_and(|n| n.seconds_since(at) > LATEST_S) {
             Some(Refusal::Late)
-        } else if now.is_some_and(|n| at.seconds_since(n) > EARLIEST_S) {
+        } else if at.seconds_since(now) > EARLIEST_S {
             Some(Refusal::Future)
         } else {
             None
@@ -105,6 +105,9 @@ impl Timeline {
 mod tests {
     use super::*;
 
+    /// Nothing here is in the future.
+    const LATER: Timestamp = Timestamp(u64::MAX);
+
     fn at(s: f64) -> Timestamp {
         Timestamp::from_secs_f64(1000.0 + s)
     }
@@ -112,37 +115,37 @@ mod tests {
     #[test]
     fn an_observation_is_admitted_once_and_gaps_are_counted() {
         let mut line = Timeline::default();
-        assert!(line.admit(1, 0, at(0.0), None, None).unwrap().new_session);
-        assert_eq!(line.admit(1, 0, at(0.0), None, None), Err(Refusal::OutOfOrder));
-        let a = line.admit(1, 3, at(0.3), None, None).unwrap();
+        assert!(line.admit(1, 0, at(0.0), None, LATER).unwrap().new_session);
+        assert_eq!(line.admit(1, 0, at(0.0), None, LATER), Err(Refusal::OutOfOrder));
+        let a = line.admit(1, 3, at(0.3), None, LATER).unwrap();
         assert!((a.since_last_s.unwrap() - 0.3).abs() < 1e-9);
         assert_eq!(line.lost, 2);
-        assert_eq!(line.admit(1, 2, at(0.2), None, None), Err(Refusal::OutOfOrder));
+        assert_eq!(line.admit(1, 2, at(0.2), None, LATER), Err(Refusal::OutOfOrder));
         assert_eq!(line.refused, [2, 0, 0]);
     }
 
     #[test]
     fn late_and_future_stamps_are_refused() {
         let mut line = Timeline::default();
-        assert_eq!(line.admit(1, 0, at(0.0), Some(at(1.5)), None), Err(Refusal::Late));
-        assert_eq!(line.admit(1, 0, at(9.0), None, Some(at(1.0))), Err(Refusal::Future));
+        assert_eq!(line.admit(1, 0, at(0.0), Some(at(1.5)), LATER), Err(Refusal::Late));
+        assert_eq!(line.admit(1, 0, at(9.0), None, at(1.0)), Err(Refusal::Future));
         assert_eq!(line.refused, [0, 1, 1]);
     }
 
     #[test]
     fn one_wrong_number_does_not_shut_a_robot_out_for_ever() {
         let mut line = Timeline::default();
-        line.admit(1, 0, at(0.0), None, None).unwrap();
-        line.admit(1, u32::MAX, at(0.1), None, None).unwrap();
-        let admitted = (1..20).filter(|n| line.admit(1, *n, at(0.1 + 0.1 * f64::from(*n)), None, None).is_ok());
+        line.admit(1, 0, at(0.0), None, LATER).unwrap();
+        line.admit(1, u32::MAX, at(0.1), None, LATER).unwrap();
+        let admitted = (1..20).filter(|n| line.admit(1, *n, at(0.1 + 0.1 * f64::from(*n)), None, LATER).is_ok());
         assert_eq!(admitted.collect::<Vec<_>>(), (11..20).collect::<Vec<_>>());
     }
 
     #[test]
     fn a_restarted_agent_begins_anew() {
         let mut line = Timeline::default();
-        line.admit(1, 100, at(0.0), None, None).unwrap();
-        let a = line.admit(2, 0, at(0.1), None, None).unwrap();
+        line.admit(1, 100, at(0.0), None, LATER).unwrap();
+        let a = line.admit(2, 0, at(0.1), None, LATER).unwrap();
         assert!(a.new_session && a.since_last_s.is_none());
     }
 }

@@ -20,6 +20,8 @@ use crate::services::{free_endpoint, start_agent, team};
 
 /// Nothing here takes so long unless it never comes.
 const LIMIT: Duration = Duration::from_secs(40);
+/// One question.
+const QUESTION_LIMIT: Duration = Duration::from_secs(2);
 /// The configuration of a leader in a process of its own.
 const CONFIG: &str = "PAL_TEST_LEADER_CONFIG";
 
@@ -28,11 +30,12 @@ const CONFIG: &str = "PAL_TEST_LEADER_CONFIG";
 #[ignore = "started by the tests below"]
 fn a_leader_in_a_process_of_its_own() {
     let Some(config) = std::env::var_os(CONFIG) else { return };
+    // RUST_LOG=zenoh=debug shows what the sessions do.
+    zenoh::init_log_from_env_or("error");
     team_leader::cli::run::run(&team_leader::cli::run::RunArgs { config: config.into() });
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-#[ignore = "in every second run the thawed leader is not heard again within 40 s: a fault to find, not to retry"]
 async fn a_killed_leader_is_followed_and_a_frozen_one_too_and_neither_is_heard_again() {
     let folder = tempfile::tempdir().unwrap();
     let endpoints = [free_endpoint(), free_endpoint()];
@@ -46,7 +49,13 @@ async fn a_killed_leader_is_followed_and_a_frozen_one_too_and_neither_is_heard_a
     let mut maps = by_second.subscribe_map(team()).await.unwrap();
     let before = next_map(&mut maps, |map| online(map) == 2).await;
     assert_eq!(before.leader, name("l1"));
-    until_stands_by(&by_second, "l2").await;
+    // It has listened (for a second: before, nobody takes over), and knows the first one's term.
+    let mut words = 0;
+    until_word(&by_second, |word| {
+        words += usize::from(word.leader == name("l2") && !word.rules && word.term == before.term);
+        words > 8
+    })
+    .await;
 
     let killed = Instant::now();
     first.process.kill().unwrap();
@@ -81,8 +90,15 @@ async fn a_killed_leader_is_followed_and_a_frozen_one_too_and_neither_is_heard_a
         }
     };
     timeout(LIMIT, thawed).await.unwrap();
-    let asked = by_second.ask_ruler(Key::map(team()), &AskedMap, LIMIT, |map| map.term).await.unwrap().answer;
-    assert_eq!(asked.leader, name("l1"));
+    // Who asks through the thawed one at the moment in which it opens its new session must ask again.
+    let asked = async {
+        loop {
+            if let Ok(got) = by_second.ask_ruler(Key::map(team()), &AskedMap, QUESTION_LIMIT, |map| map.term).await {
+                return got.answer;
+            }
+        }
+    };
+    assert_eq!(timeout(LIMIT, asked).await.unwrap().leader, name("l1"));
     for agent in agents {
         agent.stop().await;
     }
@@ -134,7 +150,7 @@ async fn until_stands_by(transport: &Transport, leader: &str) {
     until_word(transport, |word| word.leader == name(leader) && !word.rules).await;
 }
 
-async fn until_word(transport: &Transport, condition: impl Fn(&Candidacy) -> bool) {
+async fn until_word(transport: &Transport, mut condition: impl FnMut(&Candidacy) -> bool) {
     let mut words: Subscriber<Candidacy> = transport.subscribe(Pattern::EveryCandidacy(team())).await.unwrap();
     timeout(LIMIT, async { while !condition(&words.recv().await.unwrap().message) {} }).await.unwrap();
 }

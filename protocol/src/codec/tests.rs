@@ -1,5 +1,6 @@
 //! Golden bytes, hostile bytes, memory.
 
+mod fuzz;
 mod golden;
 mod hostile;
 mod memory;

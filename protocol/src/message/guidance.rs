@@ -20,6 +20,9 @@ pub struct Guidance {
     pub error_here_m: f64,
     /// The same at the goal.
     pub error_there_m: f64,
+    /// Term of the leader that says it: a robot drops guidance of a lower term than that of the map it believes
+    /// ([`crate::fence`]).
+    pub term: u64,
 }
 
 impl Message for Guidance {

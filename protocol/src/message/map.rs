@@ -90,6 +90,9 @@ pub struct MapRobot {
     pub bias_rad: Option<(f32, f32)>,
     /// Whether its errors fit the sigmas that it states.
     pub trust: Trust,
+    /// Whether at least three other robots that see each other would show it if what this one sees were false. Where not,
+    /// it has to be believed, and may move the others.
+    pub verifiable: bool,
     /// Why its observations are not used, where they are not.
     pub trouble: Option<Trouble>,
     /// Observations of its session that never came, or came too late or out of order.

@@ -190,6 +190,7 @@ pub(crate) fn map() -> TeamMap {
         lag_s: Some((0.06, 0.004)),
         bias_rad: None,
         trust: Trust::Full,
+        verifiable: false,
         trouble: None,
         observations_lost: 0,
     };
@@ -235,6 +236,7 @@ pub(crate) fn guidance() -> Guidance {
         team_from_goal: Pose2::new(1.5, -0.5, 3.0),
         error_here_m: 0.12,
         error_there_m: 0.05,
+        term: 2,
     }
 }
 

@@ -1,7 +1,7 @@
 //! A room of four robots at the corners of a square and four people who walk in circles, as bearings with noise. It shares no formula
 //! with the leader: positions are chosen, angles follow.
 
-use protocol::id::TrackId;
+use protocol::id::{RobotId, TrackId};
 use protocol::message::observation::FeaturePart;
 use protocol::message::{
     ElevationEnd, Feature, Motion, ObjectClass, Observation, PeerSighting, Stages, TrackObservation, TrackState,
@@ -13,6 +13,9 @@ use rand_chacha::ChaCha12Rng;
 use rand_distr::{Distribution, Normal};
 
 use super::ROOM;
+use crate::world::person::Gait;
+use crate::world::robot::RobotState;
+use crate::world::{PersonState, State};
 
 /// Radius of a robot's cylinder, metres.
 pub const RADIUS_M: f64 = 0.2;
@@ -26,6 +29,9 @@ const EDGE_SIGMA_RAD: f64 = 0.001;
 const PERSON_SIGMA_RAD: f64 = 0.006;
 /// One sigma of elevations, radians.
 const ELEVATION_SIGMA_RAD: f64 = 0.003;
+
+/// Walks repeat after so long, seconds: large angles would lose digits.
+const DAY_S: f64 = 1e5;
 
 /// One room, as one of its robots sees it.
 #[derive(Debug)]
@@ -54,13 +60,30 @@ impl Room {
         [radius * phase.cos() + 0.1, radius * phase.sin() - 0.2, 1.6 + 0.08 * person as f64]
     }
 
+    /// Where everybody is at an instant.
+    pub fn truth(&self, at: Timestamp) -> State {
+        let time_s = at.as_secs_f64() % DAY_S;
+        let robots = (0..ROOM).filter_map(|k| {
+            let [x_m, y_m, heading_rad] = self.robot(k);
+            let id = RobotId::new(&format!("r{}", self.number * ROOM + k)).ok()?;
+            Some(RobotState { id, x_m, y_m, heading_rad, moving: false })
+        });
+        let people = (0..ROOM).map(|k| {
+            let [x_m, y_m, height_m] = self.person(k, time_s);
+            let gait = Gait { x_m, y_m, heading_rad: 0.0, phase_rad: 0.0, swing_rad: 0.0 };
+            let z_m = height_m / 2.0;
+            PersonState { id: format!("p{}", k + 1), x_m, y_m, z_m, height_m, heading_rad: 0.0, speed_mps: 0.0, gait }
+        });
+        State { time_s, robots: robots.collect(), people: people.collect() }
+    }
+
     /// What a robot sees at an instant.
     pub fn observe(&mut self, robot: usize, capture: Timestamp, epoch: u64) -> Observation {
         let stream = (self.number * ROOM + robot) as u64;
         let mut noise = ChaCha12Rng::seed_from_u64(self.seed ^ (stream << 32) ^ u64::from(self.sequence));
         let mut jitter = |sigma: f64| Normal::new(0.0, sigma).map_or(0.0, |normal| normal.sample(&mut noise));
         let [x, y, heading] = self.robot(robot);
-        let time_s = capture.as_secs_f64() % 1e5;
+        let time_s = capture.as_secs_f64() % DAY_S;
         let bearing = |to: [f64; 3]| (to[1] - y).atan2(to[0] - x) - heading;
         let mut sightings = Vec::new();
         for other in (0..ROOM).filter(|other| *other != robot % ROOM) {

@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use protocol::host_clock::Clock;
-use protocol::id::RobotId;
+use protocol::id::{RobotId, TeamId};
 use protocol::key::{Key, RobotTopic};
 use protocol::marker::Marker;
 use protocol::message::{Announcement, CameraSummary, ClockProbe, ClockReply, Health, Observation};
@@ -12,23 +12,41 @@ use tokio::sync::watch;
 use tokio::task::JoinHandle;
 
 use super::room::{CAMERA_M, CYLINDER_M, RADIUS_M, Room};
-use super::{ROOM, failed, leader};
+use super::{ROOM, failed};
 use crate::team::TeamError;
 
 /// Between two health reports.
 const HEALTH_PERIOD: Duration = Duration::from_secs(1);
 
+/// How a robot behaves.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Conduct {
+    /// It ends.
+    pub stopped: bool,
+    /// Its clock minus the host's, seconds.
+    pub clock_s: f64,
+    /// How often it sends each observation.
+    pub copies: u32,
+}
+
+impl Default for Conduct {
+    fn default() -> Self {
+        Self { stopped: false, clock_s: 0.0, copies: 1 }
+    }
+}
+
 /// Starts a robot; gives the number of its observations when it is stopped.
 pub async fn start(
+    team: TeamId,
     mut room: Room,
     index: usize,
     rate_hz: f64,
-    endpoint: &str,
-    mut stopped: watch::Receiver<bool>,
+    endpoints: &[String],
+    mut conduct: watch::Receiver<Conduct>,
 ) -> Result<JoinHandle<u64>, TeamError> {
-    let (team, robot, epoch) = (leader::team_id()?, RobotId::new(&format!("r{index}"))?, index as u64 + 1);
+    let (robot, epoch) = (RobotId::new(&format!("r{index}"))?, index as u64 + 1);
     let key = |topic| Key::robot(team, robot, topic);
-    let transport = Transport::open(Options::client([endpoint])).await.map_err(failed)?;
+    let transport = Transport::open(Options::client(endpoints)).await.map_err(failed)?;
     let announcement = transport.publish::<Announcement>(key(RobotTopic::Announcement)).await.map_err(failed)?;
     let observation = transport.publish::<Observation>(key(RobotTopic::Observation)).await.map_err(failed)?;
     let health = transport.publish::<Health>(key(RobotTopic::Health)).await.map_err(failed)?;
@@ -43,16 +61,23 @@ pub async fn start(
         frames.reset_after(Duration::from_secs_f64((index as f64 * 0.618).fract() / rate_hz));
         let mut reports = tokio::time::interval(HEALTH_PERIOD);
         let mut sent = 0;
+        let now = conduct.clone();
         loop {
             tokio::select! {
-                _ = stopped.wait_for(|stop| *stop) => break,
+                _ = conduct.wait_for(|conduct| conduct.stopped) => break,
                 _ = frames.tick() => {
-                    let seen = room.observe(index % ROOM, clock.now(), epoch);
-                    sent += u64::from(observation.put(&seen).is_ok());
+                    let Conduct { clock_s, copies, .. } = *now.borrow();
+                    let mut seen = room.observe(index % ROOM, clock.now(), epoch);
+                    seen.capture = seen.capture.offset_by_secs(clock_s);
+                    for _ in 0..copies {
+                        sent += u64::from(observation.put(&seen).is_ok());
+                    }
                 }
                 _ = reports.tick() => drop(health.put(&report(robot, epoch, clock, sent))),
                 Some(asked) = probes.recv() => {
-                    let reply = ClockReply { probe_sent: asked.question.sent, received: asked.arrived, replied: clock.now(), epoch };
+                    let clock_s = now.borrow().clock_s;
+                    let [received, replied] = [asked.arrived, clock.now()].map(|at| at.offset_by_secs(clock_s));
+                    let reply = ClockReply { probe_sent: asked.question.sent, received, replied, epoch };
                     // Whoever asked may be gone.
                     let _ = asked.reply(&reply);
                 }

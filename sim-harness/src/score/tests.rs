@@ -173,6 +173,7 @@ fn map(robots: &[(&str, f64, f64, f64)]) -> TeamMap {
                 lag_s: None,
                 bias_rad: None,
                 trust: Trust::Full,
+                verifiable: true,
                 trouble: None,
                 observations_lost: 0,
             })

@@ -333,7 +333,10 @@ impl Team {
                     self.traffic.add("leader", Kind::Guidance, envelope.len());
                 }
                 // Nobody else leads here.
-                leader::Output::Reign(_) | leader::Output::Candidacy(_) | leader::Output::Alarm(_) => {}
+                leader::Output::Reign(_)
+                | leader::Output::Renew
+                | leader::Output::Candidacy(_)
+                | leader::Output::Alarm(_) => {}
                 leader::Output::Notice(text) => self.notices.push(format!("leader: {text}")),
             }
         }

@@ -61,6 +61,8 @@ pub struct Calibrator {
     new_findings: Vec<Finding>,
     /// Robots whose name on a marker means nothing.
     misnamed: BTreeSet<usize>,
+    /// Placed robots whose sightings others can verify.
+    verifiable: BTreeSet<usize>,
     last_watch: Option<Timestamp>,
 }
 
@@ -118,6 +120,7 @@ impl Calibrator {
             findings: Vec::new(),
             new_findings: Vec::new(),
             misnamed: BTreeSet::new(),
+            verifiable: BTreeSet::new(),
             last_watch: None,
         }
     }

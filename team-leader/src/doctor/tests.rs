@@ -93,6 +93,7 @@ fn healthy() -> Heard {
         lag_s: None,
         bias_rad: None,
         trust: Trust::Full,
+        verifiable: true,
         trouble: None,
         observations_lost: 0,
     };

@@ -268,6 +268,7 @@ impl Leader {
                 team_from_goal: goal,
                 error_here_m: here_m,
                 error_there_m: there_m,
+                term: self.succession.reign().unwrap_or_else(|| self.succession.highest()),
             }));
         }
     }

@@ -98,9 +98,8 @@ impl Leader {
                 return false;
             }
         };
-        let clock = (!trusted).then_some(now);
         let admission =
-            match self.members[k].timeline.admit(observation.epoch, observation.sequence, at, self.newest, clock) {
+            match self.members[k].timeline.admit(observation.epoch, observation.sequence, at, self.newest, now) {
                 Ok(admission) => admission,
                 Err(refusal) => {
                     self.members[k].doubt_clock(now, &self.config.clock);

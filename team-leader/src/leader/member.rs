@@ -94,6 +94,7 @@ impl Member {
             last_capture: self.timeline.last_capture(),
             shared: Shared::default(),
             trust: Trust::Full,
+            verifiable: false,
             trouble: self.trouble,
             observations_lost: self.timeline.lost_or_refused(),
         }

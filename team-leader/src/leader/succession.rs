@@ -32,6 +32,9 @@ pub const STALE_S: f64 = 1.2;
 pub const CLAIM_S: f64 = 1.0;
 /// A leader whose token has appeared has so long to say its first word, seconds.
 const FIRST_WORD_S: f64 = 0.5;
+/// A leader whose token is there always says its word, so one that is not heard for so long speaks to a session that is no
+/// more: at first, and at most, seconds.
+pub const DEAF_S: [f64; 2] = [3.0, 60.0];
 /// Most other leaders that are listened to.
 pub const MAX_LEADERS: usize = 16;
 
@@ -69,6 +72,8 @@ pub struct Succession {
     word_due: Timestamp,
     /// What the last word said.
     said: Option<Candidacy>,
+    /// See [`DEAF_S`]: doubled each time.
+    deaf_after_s: f64,
 }
 
 #[derive(Debug, Clone, Copy)]
@@ -93,6 +98,7 @@ impl Succession {
             claims_since: None,
             word_due: Timestamp::default(),
             said: None,
+            deaf_after_s: DEAF_S[0],
         }
     }
 
@@ -143,6 +149,7 @@ impl Succession {
         if let Some(other) = self.other(now, word.leader) {
             other.word = Some((*word, now));
         }
+        self.deaf_after_s = DEAF_S[0];
         word.leader == self.own.0
     }
 
@@ -156,6 +163,27 @@ impl Succession {
         self.listens_s = self.listens_s.max(FIRST_WORD_S);
         self.claims_since = None;
         self.reign.take().map(|_| Change::End)
+    }
+
+    /// Whether a sign of another leader has ever come.
+    pub fn knows_others(&self) -> bool {
+        !self.others.is_empty()
+    }
+
+    /// Whether this leader's own session is to blame that another one is not heard: the other's token is there, and its word is
+    /// not. (Who computes nothing gives its token back, and who dies or freezes loses it.) True once for each waiting time,
+    /// which doubles; where nobody is ever heard again it ends.
+    pub fn is_deaf(&mut self, now: Timestamp) -> bool {
+        let silent = |other: &Other| {
+            let last = other.word.as_ref().map_or(other.since, |(_, at)| other.since.max(*at));
+            other.token == Some(true) && now.seconds_since(last) > self.deaf_after_s
+        };
+        if self.deaf_after_s > DEAF_S[1] || !self.others.values().any(silent) {
+            return false;
+        }
+        self.deaf_after_s *= 2.0;
+        self.others.values_mut().for_each(|other| other.since = now);
+        true
     }
 
     /// What follows at `now` from everything heard; `robots` are those that this leader sees.

@@ -25,6 +25,9 @@ use crate::team_map::json::MapJson;
 
 /// What a leader answers that has been followed by another and not noticed yet.
 const STOOD_STILL: &str = "this leader stood still and does not lead any more; ask again";
+/// After a thaw clients connect anew at once. Zenoh's do not come back (1.10.2) where a link is closed while they finish opening
+/// it, so the session that goes waits until they have.
+const RENEWAL_DELAY: Duration = Duration::from_millis(600);
 /// Most notices that are kept for the summary; all are logged.
 const MAX_NOTICES: usize = 256;
 
@@ -47,6 +50,8 @@ pub struct Desk {
     map: Option<Publisher<TeamMap>>,
     json: Option<TextPublisher>,
     reigns: bool,
+    /// When the session is to be replaced.
+    renews_at: Option<Instant>,
     keeper: Option<Keeper>,
     guidance: BTreeMap<RobotId, Publisher<Guidance>>,
     /// Guidance for robots that have no publisher yet; the last of each robot.
@@ -80,6 +85,7 @@ impl Desk {
             map: None,
             json: None,
             reigns: false,
+            renews_at: None,
             keeper,
             worked: Instant::now(),
             // Last: who sees it finds the rest.
@@ -112,6 +118,36 @@ impl Desk {
         self.handle(self.now(), Input::Deadline);
     }
 
+    /// Whether it is time for a new session.
+    pub fn renews(&self) -> bool {
+        self.renews_at.is_some_and(|at| at <= Instant::now())
+    }
+
+    /// Goes on in a new session, in which nothing is declared yet.
+    pub async fn renew(&mut self, transport: &Transport) -> Result<(), TransportError> {
+        tracing::warn!("leader {} goes on in a new session", self.id);
+        (self.map, self.json) = (None, None);
+        self.guidance.clear();
+        self.candidacy = transport.publish(Key::candidacy(self.team, self.id)).await?;
+        self.probes = Probes::new(transport.clone(), self.team, self.clock);
+        self.transport = transport.clone();
+        self.heartbeat = Heartbeat::start(transport.clone(), Key::leader_alive(self.team, self.id))?;
+        // Opening it took its time: that is no freeze.
+        self.worked = Instant::now();
+        // Who is there will be told anew; who has gone since would never be.
+        for robot in std::mem::take(&mut self.present) {
+            self.handle(self.now(), Input::RobotGone(robot));
+        }
+        self.handle(self.now(), Input::Renewed);
+        self.renews_at = None;
+        Ok(())
+    }
+
+    /// Its team.
+    pub fn team(&self) -> TeamId {
+        self.team
+    }
+
     /// Whether this leader leads.
     pub fn reigns(&self) -> bool {
         self.reigns
@@ -140,7 +176,9 @@ impl Desk {
 
     /// How long the leader's deadline is away, at most [`LONGEST_IDLE`].
     pub fn patience(&self) -> Duration {
-        self.leader.next_deadline().map_or(LONGEST_IDLE, |at| self.clock.until(at).min(LONGEST_IDLE))
+        let renewal = self.renews_at.map_or(LONGEST_IDLE, |at| at.saturating_duration_since(Instant::now()));
+        let deadline = self.leader.next_deadline().map_or(LONGEST_IDLE, |at| self.clock.until(at));
+        deadline.min(renewal).min(LONGEST_IDLE)
     }
 
     pub fn announced(&mut self, got: Received<Announcement>) {
@@ -223,6 +261,7 @@ impl Desk {
         for output in outputs {
             match output {
                 Output::Reign(term) => self.reign(term),
+                Output::Renew => self.renews_at = self.renews_at.or(Instant::now().checked_add(RENEWAL_DELAY)),
                 Output::Candidacy(word) => log_unsent(self.candidacy.put(&word)),
                 Output::Alarm(alarm) => self.record(&alarm),
                 Output::Map(map) => self.publish(map),

@@ -28,6 +28,8 @@ pub struct RobotFacts {
     pub shared: Shared,
     /// Whether its sigmas are believed.
     pub trust: Trust,
+    /// Whether others would show it if what it sees were false.
+    pub verifiable: bool,
     /// Why it is not used, where it is not.
     pub trouble: Option<Trouble>,
     /// Observations of it that were lost or refused.
@@ -78,6 +80,7 @@ pub fn build(
                     lag_s: facts.shared.lag_s.map(|(v, s)| (v as f32, s as f32)),
                     bias_rad: facts.shared.bias_rad.map(|(v, s)| (v as f32, s as f32)),
                     trust: facts.trust,
+                    verifiable: facts.verifiable,
                     trouble: facts.trouble,
                     observations_lost: facts.observations_lost,
                 }

@@ -175,7 +175,7 @@ impl From<&TeamMap> for MapJson {
                         lag_sigma_s: robot.lag_s.map(|l| f64::from(l.1)),
                         bias_deg: robot.bias_rad.map(|b| f64::from(b.0).to_degrees()),
                         bias_sigma_deg: robot.bias_rad.map(|b| f64::from(b.1).to_degrees()),
-                        trust: trust_word(robot.trust).to_owned(),
+                        trust: trust_word(robot.trust, robot.verifiable || pose.is_none()).to_owned(),
                         widened: match robot.trust {
                             Trust::Widened(factor) => Some(f64::from(factor)),
                             Trust::Full | Trust::SetAside => None,
@@ -230,8 +230,9 @@ pub fn status_word(status: MapStatus) -> &'static str {
     }
 }
 
-fn trust_word(trust: Trust) -> &'static str {
+fn trust_word(trust: Trust, verifiable: bool) -> &'static str {
     match trust {
+        Trust::Full if !verifiable => "unverifiable",
         Trust::Full => "full",
         Trust::Widened(_) => "widened",
         Trust::SetAside => "set_aside",

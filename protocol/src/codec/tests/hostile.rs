@@ -106,12 +106,13 @@ fn survives_great_claims<M: Message>(_: &str, message: &M) {
     }
 }
 
-fn accepts_only_what_it_would_send<M: Message + PartialEq>(envelope: &[u8]) {
+/// Whether it was accepted.
+pub(super) fn accepts_only_what_it_would_send<M: Message + PartialEq>(envelope: &[u8]) -> bool {
     // Equal values may have several encodings on the wire (bincode's integers), but what was read can be sent and read.
-    if let Ok(message) = bounded_decode_of::<M>(envelope) {
-        let again = encode(&message).expect("what is accepted is legal");
-        assert_eq!(decode::<M>(&again).unwrap(), message);
-    }
+    let Ok(message) = bounded_decode_of::<M>(envelope) else { return false };
+    let again = encode(&message).expect("what is accepted is legal");
+    assert_eq!(decode::<M>(&again).unwrap(), message);
+    true
 }
 
 fn bounded_decode_of<M: Message>(envelope: &[u8]) -> Result<M, DecodeError> {

@@ -5,6 +5,8 @@
 //! others measure to it, and without its own. The trial that places it where every sighting agrees tells what is wrong.
 //! Among placed robots, the one without which the rest fits is at fault.
 
+use std::collections::BTreeSet;
+
 use protocol::time::Timestamp;
 
 use super::{Calibrator, FRESH_S};
@@ -108,6 +110,23 @@ impl Calibrator {
         self.robots.get(robot).is_some_and(|r| r.doubt.is_some() || r.aside > 1.0)
     }
 
+    /// Whether what a robot sees can be verified: at least three others see each other, so that a lie of this one contradicts
+    /// more than it agrees with.
+    pub fn is_verifiable(&self, robot: usize) -> bool {
+        self.verifiable.contains(&robot)
+    }
+
+    fn find_verifiable(&mut self) {
+        let sees: BTreeSet<(usize, usize)> = self.links().iter().map(|link| (link.observer, link.peer)).collect();
+        let mutual = |a: usize, b: usize| sees.contains(&(a, b)) && sees.contains(&(b, a));
+        let members = self.block.members();
+        let without = |robot: usize| {
+            let mut pairs = sees.iter().filter(|(a, b)| a < b && *a != robot && *b != robot && mutual(*a, *b));
+            pairs.any(|(a, b)| members.iter().any(|&c| c > *b && c != robot && mutual(*a, c) && mutual(*b, c)))
+        };
+        self.verifiable = members.iter().copied().filter(|&robot| without(robot)).collect();
+    }
+
     pub(super) fn find(&mut self, finding: Finding) {
         if let Some(known) = self.findings.iter_mut().find(|f| f.is_like(&finding)) {
             *known = finding;
@@ -138,6 +157,7 @@ impl Calibrator {
             return;
         }
         self.last_watch = Some(at);
+        self.find_verifiable();
         let (chi2, dof) = self.block.chi2();
         let over = !self.block.members().is_empty() && dof == self.fit.dof && chi2 < self.fit.usual;
         self.findings.retain(|f| !(over && matches!(f, Finding::Pair { .. })));

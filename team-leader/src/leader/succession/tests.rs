@@ -265,3 +265,22 @@ fn strangers_without_end_cost_no_memory() {
     }
     assert!(succession.others.len() <= MAX_LEADERS);
 }
+
+#[test]
+fn a_leader_whose_token_is_there_and_whose_word_is_not_is_taken_for_ones_own_deafness_less_and_less_often() {
+    let at = |s: f64| Timestamp::from_secs_f64(5.0 + s);
+    let mut succession = Succession::new(name(0), 1, 1, 0, 0.0);
+    succession.token(at(0.0), name(1), true);
+    let word = Candidacy { leader: name(1), epoch: 1, term: 0, rules: false, robots: 0, replay_start: None };
+    succession.heard(at(0.1), &word);
+    let told = |succession: &mut Succession, from: u32, to: u32| -> Vec<u32> {
+        (from..to).filter(|tenth| succession.is_deaf(at(0.1 * f64::from(*tenth)))).map(|tenth| tenth / 10).collect()
+    };
+    assert_eq!(told(&mut succession, 0, 3000), [3, 9, 21, 45, 93], "and then no more");
+    succession.heard(at(300.0), &word);
+    assert_eq!(told(&mut succession, 3001, 3050), [303], "it was heard in between");
+    // Whoever has gone, or gave its token back, is not waited for.
+    succession.heard(at(305.0), &word);
+    succession.token(at(306.0), name(1), false);
+    assert!(told(&mut succession, 3060, 4000).is_empty());
+}

@@ -420,7 +420,7 @@ impl World {
                             }
                             self.guidance.push((now_s, guidance));
                         }
-                        Output::Reign(_) | Output::Alarm(_) => {}
+                        Output::Reign(_) | Output::Renew | Output::Alarm(_) => {}
                         Output::Notice(text) => {
                             println!("leader {me} at {now_s:.2}: {text}");
                             self.notices.push(text);
