@@ -20,6 +20,7 @@ pub fn end_quietly() {
 
 #[cfg(test)]
 mod tests {
+    use std::io::{BufRead, BufReader};
     use std::process::{Command, Stdio};
 
     /// Not a test: what the test below starts, this very program again.
@@ -42,7 +43,10 @@ mod tests {
             .stderr(Stdio::piped())
             .spawn()
             .unwrap();
-        drop(program.stdout.take());
+        // The test runner's own words come first, and it minds a closed pipe.
+        let mut output = BufReader::new(program.stdout.take().unwrap()).lines();
+        assert!(output.any(|line| line.unwrap().starts_with("line ")));
+        drop(output);
         let ended = program.wait_with_output().unwrap();
         let said = String::from_utf8_lossy(&ended.stderr);
         assert!(ended.status.code() == Some(0) && said.is_empty(), "{:?}: {said}", ended.status);
