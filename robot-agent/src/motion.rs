@@ -576,6 +576,7 @@ impl MotionStage {
 
     fn begin(&mut self) {
         self.suspend();
+        self.shadow.restart();
         self.state = BackgroundState::Building;
         // Until there is a background, the first frame is what the robot must not leave.
         self.first.extend_from_slice(&self.picture);

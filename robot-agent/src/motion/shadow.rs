@@ -3,6 +3,10 @@
 //! In small blocks the marked pixels are fitted by C ≈ r · B. A shadow gives a ratio somewhat below one and leaves only the
 //! camera's noise; clothes have a texture of their own, or are much darker, or brighter. A block is a shadow only among
 //! others, so a smooth patch of a coat stays.
+//!
+//! A shadow that stays becomes background, and leaves a place that is brighter than it when it goes: the same test with a
+//! ratio above one. Bright clothes on a smooth wall would pass it too, so it holds only where there was a shadow before (or,
+//! for a while, where the background is new and may have been learnt with one).
 
 use super::kernel;
 use super::marks::{Marks, WORD};
@@ -13,6 +17,9 @@ const BLOCK: [usize; 2] = [4, 6];
 const BLOCKS: usize = WORD / BLOCK[0];
 /// Ratios that soft shadows indoors have.
 const RATIO: [f32; 2] = [0.72, 0.985];
+/// For how many frames a place may become brighter since a shadow lay on it, and since the background was begun.
+const REMEMBERED: u16 = 6000;
+const REMEMBERED_NEW: u16 = 300;
 /// Variance of the rest against that of the noise.
 const MOST_REST: f32 = 2.2;
 /// Marked pixels that say enough.
@@ -28,17 +35,27 @@ pub(crate) struct Shadow {
     counts: Vec<[u8; BLOCKS]>,
     /// Blocks taken for shadows.
     found: Vec<(usize, usize)>,
+    /// Frames for which each block may still become brighter.
+    remembered: Vec<u16>,
 }
 
 const EMPTY: u8 = 0;
 const BODY: u8 = 1;
 const SHADOW: u8 = 2;
+const LIT: u8 = 3;
 
 impl Shadow {
     pub(crate) fn new(raster: Raster) -> Self {
         let blocks = [raster.width.div_ceil(BLOCK[0]), raster.height.div_ceil(BLOCK[1])];
         let counts = vec![[0; BLOCKS]; raster.width.div_ceil(WORD)];
-        Self { raster, blocks, kind: vec![EMPTY; blocks[0] * blocks[1]], counts, found: Vec::new() }
+        let all = blocks[0] * blocks[1];
+        let remembered = vec![REMEMBERED_NEW; all];
+        Self { raster, blocks, kind: vec![EMPTY; all], counts, found: Vec::new(), remembered }
+    }
+
+    /// The background is begun anew.
+    pub(super) fn restart(&mut self) {
+        self.remembered.fill(REMEMBERED_NEW);
     }
 
     /// Takes shadows out of `marks`; background and noise are 8.8 fixed point, the picture's common gain is `gain`.
@@ -47,6 +64,7 @@ impl Shadow {
         let [columns, rows] = self.blocks;
         self.kind.fill(EMPTY);
         self.found.clear();
+        self.remembered.iter_mut().for_each(|n| *n = n.saturating_sub(1));
         let mut words = [0u64; BLOCK[1]];
         for by in 0..rows {
             let lines = by * BLOCK[1]..((by + 1) * BLOCK[1]).min(height);
@@ -75,8 +93,9 @@ impl Shadow {
                 let kinds = judge(&products, &counts, gain as f32);
                 for (k, kind) in kinds.into_iter().enumerate().filter(|(k, _)| counts[*k] >= LEAST_PIXELS) {
                     let bx = word * BLOCKS + k;
-                    self.kind[by * columns + bx] = kind;
-                    if kind == SHADOW {
+                    let at = by * columns + bx;
+                    self.kind[at] = if kind == LIT && self.remembered[at] == 0 { BODY } else { kind };
+                    if self.kind[at] >= SHADOW {
                         self.found.push((bx, by));
                     }
                 }
@@ -85,6 +104,10 @@ impl Shadow {
         let stride = marks.stride();
         for &(bx, by) in &self.found {
             if self.is_among_shadows(bx, by) {
+                let at = by * columns + bx;
+                if self.kind[at] == SHADOW {
+                    self.remembered[at] = REMEMBERED;
+                }
                 let (word, bit) = (bx * BLOCK[0] / WORD, bx * BLOCK[0] % WORD);
                 for y in by * BLOCK[1]..((by + 1) * BLOCK[1]).min(height) {
                     marks.words_mut()[y * stride + word] &= !(0b1111 << bit);
@@ -107,7 +130,7 @@ impl Shadow {
                     x - 1
                 };
                 match self.kind[y * columns + x] {
-                    SHADOW => shadows += 1,
+                    SHADOW | LIT => shadows += 1,
                     BODY => bodies += 1,
                     _ => {}
                 }
@@ -152,7 +175,15 @@ fn judge(products: &[[u32; BLOCKS]; 4], counts: &[u8; BLOCKS], gain: f32) -> [u8
         let rest = (cc - ratio * cb).max(0.0) * UNIT / n;
         let noise = nn * SIGMA * SIGMA / n;
         let darker = (ratio / gain >= RATIO[0]) & (ratio / gain < RATIO[1]);
-        let kind = if darker & (rest < MOST_REST * noise + 0.3) { SHADOW } else { BODY };
+        let brighter = (gain / ratio >= RATIO[0]) & (gain / ratio < RATIO[1]);
+        let textured = rest < MOST_REST * noise + 0.3;
+        let kind = if textured & darker {
+            SHADOW
+        } else if textured & brighter {
+            LIT
+        } else {
+            BODY
+        };
         kinds[k] = if bb == 0.0 { EMPTY } else { kind };
     }
     kinds
@@ -196,5 +227,41 @@ mod tests {
         };
         assert!(count(10..50) < 100, "{}", count(10..50));
         assert!(count(70..100) > 1400, "{}", count(70..100));
+    }
+
+    #[test]
+    fn a_shadow_that_was_learnt_leaves_nothing_when_it_goes_and_a_light_coat_stays_where_none_was() {
+        let raster = Raster { width: 120, height: 60, wraps: true };
+        let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(8);
+        let mut noise = || (0..4).map(|_| f64::from(rng.next_u32() >> 24) / 256.0 - 0.5).sum::<f64>() * 2.6;
+        let wall = |i: usize| 130.0 + 10.0 * ((i % 120) as f64 / 9.0).sin() * ((i / 120) as f64 / 7.0).cos();
+        let shaded = |i: usize| (10..50).contains(&(i % 120)) && i / 120 > 10;
+        let coat = |i: usize| (70..100).contains(&(i % 120)) && i / 120 > 10;
+        let deviation = vec![(1.2 * 256.0) as u16; raster.len()];
+        let mut shadow = Shadow::new(raster);
+        let mut left = |background: &dyn Fn(usize) -> f64, picture: &dyn Fn(usize) -> f64, frames: usize| {
+            let background: Vec<u16> = (0..raster.len()).map(|i| (background(i) * 256.0) as u16).collect();
+            let mut counts = [0, 0];
+            for _ in 0..frames {
+                let picture: Vec<u8> = (0..raster.len()).map(|i| (picture(i) + noise()).round() as u8).collect();
+                let marks: Vec<u8> = (0..raster.len()).map(|i| u8::from(shaded(i) || coat(i))).collect();
+                let mut marks = Marks::of_bytes(&marks, raster);
+                shadow.remove(&picture, &background, &deviation, 1.0, &mut marks);
+                let count = |columns: std::ops::Range<usize>| -> usize {
+                    (0..raster.height).map(|y| marks.count(y, columns.start, columns.len())).sum()
+                };
+                counts = [count(10..50), count(70..100)];
+            }
+            counts
+        };
+        let dark = |i: usize| if shaded(i) { 0.88 * wall(i) } else { wall(i) };
+        // A shadow falls, somebody in a textured coat beside it; long after the start of the background.
+        let textured = |i: usize| if coat(i) { 117.0 + [9.0, -9.0][(i / 4 + i / 480) % 2] } else { dark(i) };
+        assert!(left(&wall, &textured, usize::from(REMEMBERED_NEW) + 1)[0] < 100);
+        // It has been learnt and goes; the coat is smooth now, and lighter than the wall.
+        let light = |i: usize| if coat(i) { 1.15 * wall(i) } else { wall(i) };
+        let [shaded_left, coat_left] = left(&dark, &light, 1);
+        assert!(shaded_left < 100, "{shaded_left}");
+        assert!(coat_left > 1400, "{coat_left}");
     }
 }
