@@ -257,15 +257,23 @@ impl Background {
         }
     }
 
-    /// Take the picture's levels for `len` pixels from index `start`: what stood there has left.
+    /// Take the picture's levels for `len` pixels from index `start`: what stood there has left. What was the background for long
+    /// stays known: what was taken for its ghost was a shadow then, and goes again.
     pub(super) fn absorb(&mut self, picture: &[u8], start: usize, len: usize) {
         for (i, &gray) in picture.iter().enumerate().skip(start).take(len) {
-            self.level[i] = u16::from(gray) << 8;
             if let Some(seen) = self.seen.get_mut(i) {
-                // What was there is no background: it is not kept as a known look.
-                (*seen, self.seen_second[i]) = ((*seen).max(GHOST_SEEN), 0);
-                self.known[i / LOOKS] &= !(1 << (i % LOOKS));
+                let known = 1 << (i % LOOKS);
+                if *seen >= LONG_SEEN {
+                    (self.second[i], self.seen_second[i]) = (self.level[i], LONG_SEEN);
+                    self.known[i / LOOKS] |= known;
+                    self.any_known = true;
+                } else {
+                    self.seen_second[i] = 0;
+                    self.known[i / LOOKS] &= !known;
+                }
+                *seen = (*seen).max(GHOST_SEEN);
             }
+            self.level[i] = u16::from(gray) << 8;
         }
     }
 }
@@ -280,6 +288,8 @@ const BOOTSTRAP_SEEN: u8 = 3;
 const GHOST_SEEN: u8 = 10;
 /// Most pairs counted: half a minute at 10 Hz.
 const MOST_SEEN: u8 = 150;
+/// What was background for so many pairs, 15 s, was no ghost.
+const LONG_SEEN: u8 = 75;
 /// Pairs by which the second look must have been seen longer.
 const LEAD: u8 = 2;
 
