@@ -42,9 +42,15 @@ const EVIDENCE: [(u32, f64); 3] = [(5, 1.5), (10, 0.75), (20, 0.25)];
 const MEAN_OVER: u32 = 20;
 /// What it is worth that the tracks are one target's already, nats.
 const STANDING_WORTH: f64 = 3.0;
-/// What a new target must gain, nats; it may have begun so short a time ago, seconds.
-const BIRTH: f64 = 9.0;
+/// A new target may have begun so short a time ago, seconds.
 const RECENT_S: f64 = 0.6;
+/// What a new target must gain, nats.
+const BIRTH: f64 = 9.0;
+/// The same where somebody was lost of late: so long ago (seconds) and so near (metres, and metres more a second, for so many
+/// seconds). He is still about, so less has to speak for him than for one whom nobody knows.
+const BIRTH_AGAIN: f64 = 3.0;
+const MISSED_S: f64 = 12.0;
+const MISSED_M: (f64, f64, f64) = (0.8, 1.0, 4.0);
 /// What it says for one who lost most of his tracks to a new target that he is it, nats.
 const CONTINUED: f64 = 3.0;
 /// Most candidates, and most loose tracks of other robots that one frame is paired with.
@@ -226,7 +232,8 @@ impl Follower {
         let clear = chosen.into_iter().filter(|&k| !standing[hopeful[k]]).filter(|&k| {
             let same = |j: usize| shares(j, k) && (of(j).position - of(k).position).norm() < ROBOT_M;
             let lead = || best - packing::best(&weights, &|j| !same(j), &shares).0;
-            EVIDENCE.iter().any(|(enough, needed)| of(k).count >= *enough && lead() > *needed)
+            (of(k).count >= LEAST_COUNT && self.is_missed_near(of(k).position))
+                || EVIDENCE.iter().any(|(enough, needed)| of(k).count >= *enough && lead() > *needed)
         });
         clear.map(|k| of(k).tracks.clone()).collect()
     }
@@ -347,12 +354,22 @@ impl Follower {
                 looks: Looks::default(),
             };
             let proposal = self.evaluate(from, changes.clone(), Some(&newborn), context);
-            let net = proposal.gain - price - BIRTH;
+            let birth = if self.is_missed_near(position) { BIRTH_AGAIN } else { BIRTH };
+            let net = proposal.gain - price - birth;
             if net > best.as_ref().map_or(0.0, |(b, ..)| *b) {
                 best = Some((net, proposal, newborn));
             }
         }
         best.map(|(_, proposal, newborn)| (proposal, newborn))
+    }
+
+    /// Whether somebody was lost of late who may be there.
+    fn is_missed_near(&self, position: Vector2<f64>) -> bool {
+        self.departed.iter().any(|lost| {
+            let ago_s = self.newest.seconds_since(lost.state.last);
+            let reach_m = MISSED_M.0 + MISSED_M.1 * ago_s.min(MISSED_M.2);
+            ago_s < MISSED_S && (lost.state.target.position() - position).norm() < reach_m
+        })
     }
 
     fn is_owned(&self, c: &Change) -> bool {
