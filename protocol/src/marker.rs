@@ -17,6 +17,8 @@ pub use features::{PredictedFeature, polar_jacobian};
 
 /// Most bars of a marker.
 pub const MAX_BARS: usize = 64;
+/// Widest bar, in multiples of the narrowest.
+pub const MAX_BAR_CODE: u8 = 16;
 /// Most rings of a look.
 pub const MAX_RINGS: usize = 32;
 /// Largest legal length of a marker, metres.
@@ -45,7 +47,7 @@ pub enum Marker {
         azimuths_deg: Vec<f64>,
         /// Lower and upper end above the floor, metres.
         height_m: [f64; 2],
-        /// Code that tells the bars apart.
+        /// Code that tells the bars apart: the width of each in multiples of the look's `bar_width_deg`, 1 … 16.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         code: Option<Vec<u8>>,
         /// How it is painted.
@@ -81,6 +83,11 @@ fn default_height_m() -> [f64; 2] {
 pub struct Look {
     /// Rings from the lower to the upper end, without gaps.
     pub rings: Vec<Ring>,
+    /// Vertical bars are painted on the body: in them every ring has the reflectance that adds with its own to the sum of
+    /// the darkest and the brightest ring's (dark and bright are exchanged). Width of a bar of code 1 as an angle at the
+    /// axis, 0.1 … 180; a bar of code n is n times as wide, bars without code are of code 1.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub bar_width_deg: Option<f64>,
 }
 
 /// One horizontal ring.
@@ -110,6 +117,8 @@ impl Marker {
                 check::all_finite("marker.azimuths_deg", azimuths_deg)?;
                 let coded = code.as_ref().is_none_or(|code| code.len() == azimuths_deg.len());
                 check::consistent(coded, "marker.code", "has not one number a bar")?;
+                let legal = code.iter().flatten().all(|width| (1..=MAX_BAR_CODE).contains(width));
+                check::consistent(legal, "marker.code", "has a number outside 1 to 16")?;
                 look
             }
             Self::Rectangle { width_m, height_m, left_edge_m, behind_m, bottom_m, look } => {
@@ -128,6 +137,9 @@ impl Marker {
 impl Look {
     fn validate(&self) -> Result<(), Invalid> {
         check::count("marker.look.rings", self.rings.len(), MAX_RINGS)?;
+        if let Some(width_deg) = self.bar_width_deg {
+            check::in_range("marker.look.bar_width_deg", width_deg, 0.1, 180.0)?;
+        }
         for ring in &self.rings {
             interval("marker.look.rings.height_m", ring.height_m)?;
             check::in_range("marker.look.rings.reflectance", ring.reflectance, 0.0, 1.0)?;

@@ -7,6 +7,7 @@
 //! The raw features (outlines, elevations of the marker's ends) are the measurement; bearing and range follow from them. Every
 //! sigma has two parts: noise that is new in each frame, and a floor (`floor_rad`) that successive frames of a standing pair share.
 
+mod bars;
 mod blur;
 mod combine;
 mod cylinder;
@@ -14,6 +15,8 @@ mod edges;
 mod geometry;
 mod kernel;
 mod look;
+mod near;
+mod plate;
 mod rays;
 mod rings;
 mod search;
@@ -29,7 +32,8 @@ pub use cylinder::{EDGE_FLOOR_PX, ELEVATION_FLOOR_PX};
 pub use search::Grid;
 
 use cylinder::CylinderFinder;
-use look::CylinderLook;
+use look::{CylinderLook, PlateLook};
+use plate::PlateFinder;
 use rays::PixelRays;
 
 use crate::optics::MountedCamera;
@@ -47,6 +51,9 @@ pub enum PeerError {
     /// A cylinder without rings: nothing to find it by.
     #[error("the cylinder has no `look`: a single picture finds it by its rings (`look.rings`)")]
     NoLook,
+    /// Bars without a width, or no bars.
+    #[error("the bars have no width to look for: give `azimuths_deg` and `look.bar_width_deg`")]
+    NoBars,
     /// A look that cannot be used.
     #[error("the marker's `{key}` is {value}; {want} would be right")]
     BadLook {
@@ -56,12 +63,6 @@ pub enum PeerError {
         value: f64,
         /// What would be right.
         want: &'static str,
-    },
-    /// A kind that this version does not find.
-    #[error("markers of kind `{kind}` are not found in pictures yet")]
-    Unsupported {
-        /// The kind as in the announcement.
-        kind: &'static str,
     },
     /// Too many different looks.
     #[error("{0} different looks; at most {MAX_LOOKS} can be looked for")]
@@ -122,6 +123,7 @@ pub struct PeerDetector {
     camera: MountedCamera,
     rays: PixelRays,
     finders: Vec<CylinderFinder>,
+    plates: Vec<PlateFinder>,
     unsupported: Vec<PeerError>,
     known: Vec<Known>,
     frames: u64,
@@ -139,11 +141,27 @@ impl PeerDetector {
     /// Prepares for a camera, its cylinder panorama and the looks in the team (equal ones are looked for once). Markers that
     /// cannot be looked for are kept in [`PeerDetector::unsupported`]; the others work.
     pub fn new(camera: &MountedCamera, grid: Grid, markers: &[Marker]) -> Self {
+        let fellows: Vec<_> = markers.iter().map(|marker| (None, marker.clone())).collect();
+        Self::for_team(camera, grid, &fellows)
+    }
+
+    /// As [`PeerDetector::new`], with the name of the robot that wears each marker, for markers that tell it.
+    pub fn for_team(camera: &MountedCamera, grid: Grid, fellows: &[(Option<RobotId>, Marker)]) -> Self {
         let mut looks: Vec<CylinderLook> = Vec::new();
+        let mut plates: Vec<PlateLook> = Vec::new();
         let mut unsupported = Vec::new();
-        for marker in markers {
-            match CylinderLook::from_marker(marker) {
-                Ok(look) if looks.contains(&look) => {}
+        for (robot, marker) in fellows {
+            if let Marker::Rectangle { .. } = marker {
+                match PlateLook::from_marker(marker) {
+                    Ok(look) if plates.contains(&look) => {}
+                    Ok(_) if plates.len() == MAX_LOOKS => unsupported.push(PeerError::TooMany(MAX_LOOKS + 1)),
+                    Ok(look) => plates.push(look),
+                    Err(error) => unsupported.push(error),
+                }
+                continue;
+            }
+            match CylinderLook::from_marker(marker, *robot) {
+                Ok(look) if looks.iter_mut().any(|known| known.merge(&look)) => {}
                 Ok(_) if looks.len() == MAX_LOOKS => unsupported.push(PeerError::TooMany(MAX_LOOKS + 1)),
                 Ok(look) => looks.push(look),
                 Err(error) => unsupported.push(error),
@@ -154,6 +172,7 @@ impl PeerDetector {
             camera: camera.clone(),
             rays: PixelRays::new(camera.image_size_px()),
             finders,
+            plates: plates.into_iter().map(|look| PlateFinder::new(camera, grid, look)).collect(),
             unsupported,
             known: Vec::new(),
             frames: 0,
@@ -208,14 +227,47 @@ impl PeerDetector {
         if raw.len() != w as usize * h as usize {
             return Vec::new();
         }
-        let mut peers = Vec::new();
+        let mut found = Vec::new();
         for finder in &mut self.finders {
             let panorama = panorama.filter(|p| p.len() == finder.panorama_len());
-            peers.extend(finder.find(&self.camera, &mut self.rays, raw, panorama, known, &mut self.timings));
+            found.extend(finder.find(&self.camera, &mut self.rays, raw, panorama, known, &mut self.timings));
         }
+        for finder in &mut self.plates {
+            let panorama = panorama.filter(|p| p.len() == finder.panorama_len());
+            found.extend(finder.find(&self.camera, &mut self.rays, raw, panorama, known));
+        }
+        let mut peers = without_doubles(found);
         peers.sort_by(|a, b| a.bearing_rad.total_cmp(&b.bearing_rad));
         peers
     }
+}
+
+/// What one finder says of a robot.
+struct Find {
+    peer: Peer,
+    /// How badly the paint fits: 1 − correlation.
+    misfit: f64,
+    /// Half of the body's width, metres.
+    half_m: f64,
+}
+
+/// One body may be taken for two kinds of marker: the better fit stands.
+fn without_doubles(mut found: Vec<Find>) -> Vec<Peer> {
+    found.sort_by(|a, b| a.misfit.total_cmp(&b.misfit));
+    let mut kept: Vec<Find> = Vec::new();
+    for find in found {
+        let is_taken = |other: &Find| {
+            let apart = difference(other.peer.bearing_rad, find.peer.bearing_rad).abs();
+            let (a, b) = (other.peer.range_m, find.peer.range_m);
+            other.peer.kind.max(1) != find.peer.kind.max(1)
+                && apart * a.min(b) < 0.8 * other.half_m.max(find.half_m)
+                && (a - b).abs() < 0.05 * a + 0.6 * (other.half_m + find.half_m)
+        };
+        if !kept.iter().any(is_taken) {
+            kept.push(find);
+        }
+    }
+    kept.into_iter().map(|find| find.peer).collect()
 }
 
 impl Peer {

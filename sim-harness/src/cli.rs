@@ -6,6 +6,7 @@ pub mod chaos;
 pub mod demo;
 pub mod efficiency;
 pub mod motion;
+pub mod peers;
 pub mod record;
 mod recorded_text;
 pub mod replay;

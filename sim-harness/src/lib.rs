@@ -7,6 +7,7 @@ pub mod cli;
 pub mod efficiency;
 pub mod motion;
 pub mod network;
+pub mod peers;
 pub mod recorded;
 pub mod render;
 pub mod replay;

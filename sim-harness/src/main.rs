@@ -3,7 +3,9 @@
 use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
-use sim_harness::cli::{bandwidth, bench, chaos, demo, efficiency, motion, record, replay, run, scale, score, zoo};
+use sim_harness::cli::{
+    bandwidth, bench, chaos, demo, efficiency, motion, peers, record, replay, run, scale, score, zoo,
+};
 
 #[derive(Debug, Parser)]
 #[command(
@@ -30,6 +32,8 @@ enum Command {
     Bandwidth(bandwidth::BandwidthArgs),
     /// Mutual calibration and stereo against the Cramér–Rao bound, by Monte Carlo
     Efficiency(efficiency::EfficiencyArgs),
+    /// Fellow robots in rendered pictures of rooms drawn anew: found, measured, named, against truth
+    Peers(peers::PeersArgs),
     /// Masks and tracks against truth: F, recall, precision; MOTA, IDF1, identity switches
     Score(score::ScoreArgs),
     /// Many robots with synthetic observations through real sessions: what one leader carries
@@ -61,6 +65,7 @@ fn main() -> ExitCode {
         Some(Command::Replay(args)) => replay::run(&args),
         Some(Command::Bandwidth(args)) => bandwidth::run(&args),
         Some(Command::Efficiency(args)) => efficiency::run(&args),
+        Some(Command::Peers(args)) => peers::run(&args),
         Some(Command::Score(args)) => score::run(&args),
         Some(Command::Scale(args)) => scale::run(&args),
         Some(Command::Bench(args)) => bench::run(&args),

@@ -13,6 +13,7 @@ pub mod moving;
 mod paint;
 pub mod pal;
 mod patch;
+pub mod presence;
 pub mod rays;
 pub mod scene;
 pub mod sensor;
@@ -21,6 +22,7 @@ pub mod surface;
 
 use std::sync::Arc;
 
+use crate::world::body::Body;
 use crate::world::wardrobe::Clothes;
 use crate::world::{State, World};
 use light::Caster;
@@ -105,15 +107,21 @@ impl Renderer {
         renderer
     }
 
+    /// The first robot's camera, whose rays were traced before. Nobody is camouflaged.
+    pub fn of_first(world: &Arc<World>, rays: &Arc<Rays>) -> Self {
+        let mut renderer = Self::new(world, &Arc::new(Scene::new(world)), rays, 0);
+        renderer.clothes = (0..world.people_count()).map(|n| *world.clothes(n)).collect();
+        renderer
+    }
+
     fn new(world: &Arc<World>, scene: &Arc<Scene>, rays: &Arc<Rays>, robot: usize) -> Self {
-        let height = world.camera().height_m;
         let first = world.at(0.0);
         let standing = world
             .robots()
             .iter()
             .enumerate()
             .filter(|(n, r)| *n != robot && r.stands())
-            .map(|(n, _)| still::robot_caster(n as u16 + 1, first.robots[n].x_m, first.robots[n].y_m, height))
+            .map(|(n, _)| still::robot_caster(n as u16 + 1, body_at(world, &first, n)))
             .collect();
         let pixels = rays.width * rays.height;
         let mut renderer = Self {
@@ -206,10 +214,8 @@ impl Renderer {
     }
 
     fn movers(&self, state: &State) -> Vec<Mover> {
-        let height = self.world.camera().height_m;
         let robots = self.world.robots().iter().enumerate().filter(|(n, r)| *n != self.robot && !r.stands());
-        let mut movers: Vec<Mover> =
-            robots.map(|(n, _)| Mover::robot(n, state.robots[n].x_m, state.robots[n].y_m, height)).collect();
+        let mut movers: Vec<Mover> = robots.map(|(n, _)| Mover::robot(n, body_at(&self.world, state, n))).collect();
         for (n, (person, clothes)) in state.people.iter().zip(self.clothes.iter()).enumerate() {
             let capsules = self.world.capsules(person);
             movers.push(Mover::person(n, &capsules, *clothes, person.heading_rad));
@@ -262,6 +268,12 @@ impl Renderer {
             canvas.depth[pixel] = f32::INFINITY;
         }
     }
+}
+
+/// A robot's body where it stands.
+fn body_at(world: &World, state: &State, n: usize) -> Body {
+    let at = &state.robots[n];
+    Body::new(&world.robots()[n].wear, at.x_m, at.y_m, at.heading_rad, world.camera().height_m)
 }
 
 #[cfg(test)]

@@ -7,15 +7,17 @@
 mod camera;
 mod check;
 mod room;
+mod wear;
 
 use std::path::{Path, PathBuf};
 
 use protocol::id::RobotId;
-use protocol::marker::{Look, Marker, Ring};
+use protocol::marker::Marker;
 use serde::{Deserialize, Serialize};
 
 pub use camera::{CameraSpec, TiltSpec};
 pub use room::{FurnitureKind, FurnitureSpec, LampSpec, RoomSpec, share_at};
+pub use wear::{WearOf, WearSpec};
 
 /// Why a scenario cannot be used.
 #[derive(Debug, thiserror::Error)]
@@ -78,7 +80,7 @@ pub struct Scenario {
     pub camera: CameraSpec,
 }
 
-/// Robots of one look.
+/// The robots.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct RobotsSpec {
@@ -92,11 +94,13 @@ pub struct RobotsSpec {
     pub within_m: f64,
     /// Who drives when.
     pub drives: Vec<DriveSpec>,
+    /// What robots wear; those not named wear rings.
+    pub wear: Vec<WearOf>,
 }
 
 impl Default for RobotsSpec {
     fn default() -> Self {
-        Self { count: 3, poses: Vec::new(), apart_m: 1.2, within_m: 4.5, drives: Vec::new() }
+        Self { count: 3, poses: Vec::new(), apart_m: 1.2, within_m: 4.5, drives: Vec::new(), wear: Vec::new() }
     }
 }
 
@@ -223,11 +227,9 @@ impl Scenario {
         self.camera.toml_of(robot)
     }
 
-    /// What every robot wears.
-    pub fn marker(&self) -> Marker {
-        use crate::world::body;
-        let rings = body::RINGS.iter().map(|r| Ring { height_m: r.height_m, reflectance: r.reflectance }).collect();
-        Marker::Cylinder { radius_m: body::RADIUS_M, height_m: body::PAINTED_M, look: Some(Look { rings }) }
+    /// What a robot wears, as it announces it.
+    pub fn marker_of(&self, robot: &RobotId) -> Marker {
+        self.robots.wear_of(robot).marker()
     }
 }
 

@@ -24,7 +24,10 @@ pub(crate) fn announcement() -> Announcement {
         marker: Marker::Cylinder {
             radius_m: 0.2,
             height_m: [0.1, 0.5],
-            look: Some(Look { rings: vec![ring(0.1, 0.85), ring(0.2, 0.1), ring(0.3, 0.85), ring(0.4, 0.1)] }),
+            look: Some(Look {
+                rings: vec![ring(0.1, 0.85), ring(0.2, 0.1), ring(0.3, 0.85), ring(0.4, 0.1)],
+                bar_width_deg: None,
+            }),
         },
         camera: CameraSummary {
             model: "pal".into(),

@@ -6,6 +6,7 @@
 //! A mutual calibration dies without peers and the map without tracks, so neither may starve: whoever was left out
 //! in one frame comes first in the next. Unwarping and change always run; without them there is no frame.
 
+use protocol::id::RobotId;
 use protocol::marker::Marker;
 use protocol::message::observation::{MAX_SIGHTINGS, MAX_TRACKS};
 use protocol::message::{AlarmKind, Motion, PeerSighting, Stages, TrackObservation};
@@ -29,7 +30,7 @@ pub struct Pipeline {
     lut: Lut,
     motion: MotionStage,
     tracker: Tracker,
-    markers: Vec<Marker>,
+    markers: Vec<(Option<RobotId>, Marker)>,
     peer_detector: Option<PeerDetector>,
     gallery: Gallery,
     panorama: Vec<u8>,
@@ -114,12 +115,12 @@ impl Pipeline {
             geometry,
             camera,
         };
-        let problems = pipeline.look_for(vec![settings.marker.clone()]);
+        let problems = pipeline.look_for(vec![(None, settings.marker.clone())]);
         Ok((pipeline, problems))
     }
 
     /// Looks for fellows of these looks from now on (none: nothing changes). Gives what cannot be looked for, in words.
-    pub fn look_for(&mut self, markers: Vec<Marker>) -> Vec<String> {
+    pub fn look_for(&mut self, markers: Vec<(Option<RobotId>, Marker)>) -> Vec<String> {
         if markers.is_empty() || markers == self.markers {
             return Vec::new();
         }
@@ -127,7 +128,7 @@ impl Pipeline {
             self.markers = markers;
             return vec!["fellow robots cannot be looked for in a spherical panorama".to_owned()];
         };
-        let detector = PeerDetector::new(&self.camera, grid, &markers);
+        let detector = PeerDetector::for_team(&self.camera, grid, &markers);
         let problems = detector.unsupported().iter().map(|error| format!("a fellow robot: {error}")).collect();
         self.peer_detector = Some(detector);
         self.markers = markers;

@@ -47,11 +47,16 @@ impl Team {
 
     /// The different looks of the fellows, in the order of their names; at most [`MAX_LOOKS`]. The own look stands for
     /// all fellows until one is known.
-    pub fn looks(&self) -> Vec<Marker> {
-        let mut looks: Vec<Marker> = Vec::new();
-        for marker in self.markers.values() {
-            if looks.len() < MAX_LOOKS && !looks.contains(marker) {
-                looks.push(marker.clone());
+    /// Bars come with the name of who wears them.
+    pub fn looks(&self) -> Vec<(Option<RobotId>, Marker)> {
+        let mut looks: Vec<(Option<RobotId>, Marker)> = Vec::new();
+        let mut nameless = 0;
+        for (robot, marker) in &self.markers {
+            let is_bars = matches!(marker, Marker::Bars { .. });
+            let look = (is_bars.then_some(*robot), marker.clone());
+            if !looks.contains(&look) && (is_bars || nameless < MAX_LOOKS) {
+                nameless += usize::from(!is_bars);
+                looks.push(look);
             }
         }
         looks

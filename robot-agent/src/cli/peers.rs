@@ -2,6 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
+use protocol::id::RobotId;
 use protocol::marker::Marker;
 use protocol::message::observation::FeaturePart;
 use robot_agent::optics::MountedCamera;
@@ -20,7 +21,8 @@ pub(super) struct Arguments {
     /// The camera file (camera.toml).
     #[arg(long, value_name = "FILE")]
     camera: PathBuf,
-    /// What the robots wear: a JSON file with one marker or an array of markers, as in announcements.
+    /// What the robots wear: a JSON file with one marker or an array of markers, as in announcements; each may have a
+    /// `robot`, which is told of markers that only it wears.
     #[arg(long, value_name = "FILE")]
     markers: PathBuf,
     /// Frame rate, for a folder that does not say.
@@ -49,7 +51,7 @@ pub(super) fn execute(arguments: &Arguments) -> Result<(), Failure> {
 /// The detector of what a markers file describes; what cannot be looked for is logged.
 pub(super) fn detector(camera: &MountedCamera, grid: Grid, path: &Path) -> Result<PeerDetector, Failure> {
     let markers = load_markers(path)?;
-    let detector = PeerDetector::new(camera, grid, &markers);
+    let detector = PeerDetector::for_team(camera, grid, &markers);
     for error in detector.unsupported() {
         tracing::warn!("{}: {error}", path.display());
     }
@@ -61,7 +63,7 @@ pub(super) fn detector(camera: &MountedCamera, grid: Grid, path: &Path) -> Resul
     Ok(detector)
 }
 
-fn load_markers(path: &Path) -> Result<Vec<Marker>, Failure> {
+fn load_markers(path: &Path) -> Result<Vec<(Option<RobotId>, Marker)>, Failure> {
     let wrong = |problem: String| Failure::usage(format!("{}: {problem}", path.display()));
     let text = std::fs::read_to_string(path).map_err(|e| wrong(format!("cannot read the markers: {e}")))?;
     let document: Value = serde_json::from_str(&text).map_err(|e| wrong(format!("not JSON: {e}")))?;
@@ -72,7 +74,14 @@ fn load_markers(path: &Path) -> Result<Vec<Marker>, Failure> {
     if entries.is_empty() {
         return Err(wrong("an empty array; at least one marker would be right".to_owned()));
     }
-    let read = |(i, entry)| serde_json::from_value(entry).map_err(|e| wrong(format!("marker {i}: {e}")));
+    let read = |(i, mut entry): (usize, Value)| {
+        let wrong = |e: &dyn std::fmt::Display| wrong(format!("marker {i}: {e}"));
+        let robot = entry.as_object_mut().and_then(|entry| entry.remove("robot"));
+        let robot = robot.map(serde_json::from_value).transpose().map_err(|e| wrong(&e))?.flatten();
+        let marker: Marker = serde_json::from_value(entry).map_err(|e| wrong(&e))?;
+        marker.validate().map_err(|e| wrong(&e))?;
+        Ok((robot, marker))
+    };
     entries.into_iter().enumerate().map(read).collect()
 }
 
@@ -86,6 +95,7 @@ fn peer(peer: &Peer) -> Value {
         "range_m": peer.range_m,
         "range_sigma_m": peer.range_sigma_m(),
         "heading_deg": peer.heading_rad.map(|h| h[0].to_degrees()),
+        "heading_sigma_deg": peer.heading_rad.map(|h| h[1].to_degrees()),
         "confidence": peer.confidence,
         "features": peer.features.iter().map(feature).collect::<Vec<_>>(),
     })
@@ -130,14 +140,18 @@ mod tests {
         let one = r#"{"kind":"cylinder","radius_m":0.2,"height_m":[0.1,0.5]}"#;
         std::fs::write(&path, one).unwrap();
         assert_eq!(load_markers(&path).unwrap().len(), 1);
-        std::fs::write(&path, format!("[{one},{one}]")).unwrap();
-        assert_eq!(load_markers(&path).unwrap().len(), 2);
+        let named = one.replace('{', "{\"robot\":\"r2\",");
+        std::fs::write(&path, format!("[{one},{named}]")).unwrap();
+        let robots: Vec<_> = load_markers(&path).unwrap().into_iter().map(|(robot, _)| robot).collect();
+        assert_eq!(robots, [None, RobotId::new("r2").ok()]);
     }
 
     #[test]
     fn bad_marker_files_are_named_with_the_reason() {
         assert!(error_of("[]").contains("empty array"));
         assert!(error_of("{").contains("not JSON"));
+        assert!(error_of(r#"{"kind":"cylinder","radius_m":-0.2}"#).contains("radius_m"));
+        assert!(error_of(r#"{"robot":"R 2","kind":"cylinder","radius_m":0.2}"#).contains("marker 0"));
         let text = error_of(r#"[{"kind":"cylinder","radius":0.2}]"#);
         assert!(text.contains("marker 0") && text.contains("radius") && text.contains("markers.json"), "{text}");
     }

@@ -9,6 +9,7 @@
 
 use nalgebra::{SMatrix, SVector};
 
+use super::bars::Signal;
 use super::look::{CylinderLook, MAX_RINGS};
 use super::rays::Sample;
 use super::rings::{self, RingFit, median};
@@ -62,14 +63,20 @@ pub struct EdgeFit {
     pub px_per_rad: f64,
 }
 
-struct Pixel {
-    gray: f64,
-    row: usize,
+/// A pixel beside an outline.
+pub struct Pixel {
+    /// 0 … 255.
+    pub gray: f64,
+    /// Of the picture across the outline.
+    pub row: usize,
     /// Distance inside the predicted outline, radians.
-    inside_rad: f64,
-    px_per_rad: f64,
-    half_px: f64,
-    ring: f64,
+    pub inside_rad: f64,
+    /// Pixels per radian of bearing.
+    pub px_per_rad: f64,
+    /// Half of the body's width.
+    pub half_px: f64,
+    /// What the body's paint shows there, 0 … 1.
+    pub ring: f64,
 }
 
 struct Row {
@@ -77,30 +84,72 @@ struct Row {
     background: [f64; OWN],
 }
 
-/// Fits one outline. `None` where too little of it is in view.
-pub fn fit(samples: &[Sample], look: &CylinderLook, rings: &RingFit, side: Side) -> Option<EdgeFit> {
-    let (pixels, row_count) = select(samples, look, rings, side);
+/// Fits one outline of a body that shows these bars, if any. `None` where too little of it is in view.
+pub fn fit(
+    samples: &[Sample],
+    look: &CylinderLook,
+    rings: &RingFit,
+    bars: Option<&Signal>,
+    side: Side,
+) -> Option<EdgeFit> {
+    let (mut pixels, places) = select(samples, look, rings, bars, side);
+    let row_count = number_rows(&mut pixels, &places);
     if pixels.len() < 12 || row_count == 0 {
         return None;
     }
+    let body = (rings.noise, rings.blur_px);
     // The rings know within a fraction of a pixel where it is; only where that fails are other starts worth their time.
-    let first = from_start(&pixels, row_count, rings, 0.0);
+    let first = from_start(&pixels, row_count, body, 0.0);
     if let Some((fit, _)) = &first
         && fit.outwards_rad.abs() * fit.px_per_rad < SURE_SHIFT_PX
         && fit.agreement > SURE_AGREEMENT
     {
         return Some(*fit);
     }
-    let others = OTHER_STARTS_PX.iter().filter_map(|start| from_start(&pixels, row_count, rings, *start));
+    let others = OTHER_STARTS_PX.iter().filter_map(|start| from_start(&pixels, row_count, body, *start));
     first.into_iter().chain(others).min_by(|a, b| a.1.total_cmp(&b.1)).map(|(fit, _)| fit)
 }
 
-fn select(samples: &[Sample], look: &CylinderLook, rings: &RingFit, side: Side) -> (Vec<Pixel>, usize) {
+/// Fits any outline from pixels beside it. `places` are the pixels' places along the outline, in pixels; `noise` and blur of the
+/// body; starts in pixels outwards.
+pub fn fit_rows(
+    mut pixels: Vec<Pixel>,
+    places: &[f64],
+    (noise, blur_px): (f64, f64),
+    starts_px: &[f64],
+) -> Option<EdgeFit> {
+    let row_count = number_rows(&mut pixels, places);
+    if pixels.len() < 12 || row_count == 0 {
+        return None;
+    }
+    let fits = starts_px.iter().filter_map(|start| from_start(&pixels, row_count, (noise, blur_px), *start));
+    fits.min_by(|a, b| a.1.total_cmp(&b.1)).map(|(fit, _)| fit)
+}
+
+/// Rows of one pixel's height; how many there are.
+fn number_rows(pixels: &mut [Pixel], places: &[f64]) -> usize {
+    let (lowest, highest) = places.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), p| (l.min(*p), h.max(*p)));
+    if pixels.is_empty() {
+        return 0;
+    }
+    for (pixel, place) in pixels.iter_mut().zip(places) {
+        pixel.row = (place - lowest) as usize;
+    }
+    (highest - lowest) as usize + 1
+}
+
+fn select(
+    samples: &[Sample],
+    look: &CylinderLook,
+    rings: &RingFit,
+    bars: Option<&Signal>,
+    side: Side,
+) -> (Vec<Pixel>, Vec<f64>) {
+    let middle = look.middle_reflectance();
     let cylinder = rings.cylinder(look.radius_m);
     let sign = if side == Side::Left { 1.0 } else { -1.0 };
     let mut pixels = Vec::new();
     let mut by_ring = [0.0; MAX_RINGS];
-    let (mut lowest, mut highest) = (f64::INFINITY, f64::NEG_INFINITY);
     let mut places = Vec::new();
     for sample in samples {
         let met = cylinder.meet(&sample.ray);
@@ -118,20 +167,16 @@ fn select(samples: &[Sample], look: &CylinderLook, rings: &RingFit, side: Side) 
         if height < look.low_m() + MARGIN * blur_m || height > look.high_m() - MARGIN * blur_m {
             continue;
         }
-        let ring = rings::profile(look, &rings.reflectance, height, blur_m, &mut by_ring);
-        let place = slope.atan() * px_per_elevation;
-        lowest = lowest.min(place);
-        highest = highest.max(place);
-        places.push(place);
+        let mut ring = rings::profile(look, &rings.reflectance, height, blur_m, &mut by_ring);
+        if let Some(bars) = bars {
+            // Outside of the outline what it is just inside.
+            let aside = met.aside_rad.clamp(-cylinder.outline_rad, cylinder.outline_rad);
+            ring = middle + (ring - middle) * bars.at(aside, rings.blur_px / px_per_rad);
+        }
+        places.push(slope.atan() * px_per_elevation);
         pixels.push(Pixel { gray: sample.gray, row: 0, inside_rad, px_per_rad, half_px, ring });
     }
-    if pixels.is_empty() {
-        return (pixels, 0);
-    }
-    for (pixel, place) in pixels.iter_mut().zip(&places) {
-        pixel.row = (place - lowest) as usize;
-    }
-    (pixels, (highest - lowest) as usize + 1)
+    (pixels, places)
 }
 
 /// Blurred coverage and light at one pixel: (A, L, C) and their derivatives by pixels outwards.
@@ -151,12 +196,17 @@ fn coverage(inside_px: f64, half_px: f64, blur_px: f64) -> ([f64; 3], [f64; 3]) 
     (here, by)
 }
 
-fn from_start(pixels: &[Pixel], row_count: usize, rings: &RingFit, start_px: f64) -> Option<(EdgeFit, f64)> {
+fn from_start(
+    pixels: &[Pixel],
+    row_count: usize,
+    (noise, blur_px): (f64, f64),
+    start_px: f64,
+) -> Option<(EdgeFit, f64)> {
     let scale = pixels.iter().map(|p| p.px_per_rad).sum::<f64>() / pixels.len() as f64;
     let mut shift_px = start_px;
     let mut common = SVector::<f64, COMMON>::zeros();
     let mut rows: Vec<Row> = (0..row_count).map(|_| Row { weight: 1.0, background: [0.0; OWN] }).collect();
-    let noise2 = rings.noise * rings.noise;
+    let noise2 = noise * noise;
     let mut texture2 = 4.0 * noise2;
     let mut grams = vec![SMatrix::<f64, GRAM, GRAM>::zeros(); row_count];
     let mut fit = None;
@@ -165,7 +215,7 @@ fn from_start(pixels: &[Pixel], row_count: usize, rings: &RingFit, start_px: f64
         let mut settled = false;
         for step in 0..=STEPS {
             let last = settled || step == STEPS;
-            accumulate(pixels, rings.blur_px, shift_px, scale, &common, &rows, (noise2, texture2), &mut grams);
+            accumulate(pixels, blur_px, shift_px, scale, &common, &rows, (noise2, texture2), &mut grams);
             let (delta, inverse) = solve(&mut rows, &grams, linear_known)?;
             if !last {
                 if linear_known {
@@ -182,7 +232,7 @@ fn from_start(pixels: &[Pixel], row_count: usize, rings: &RingFit, start_px: f64
             } else {
                 let votes = vote(&mut rows, &grams, &delta);
                 let (texture, misfit, cost) =
-                    residuals(pixels, rings.blur_px, shift_px, scale, &common, &rows, (noise2, texture2));
+                    residuals(pixels, blur_px, shift_px, scale, &common, &rows, (noise2, texture2));
                 texture2 = (texture - noise2).max(0.25 * noise2);
                 if round + 1 == ROUNDS {
                     let inflate = misfit.max(1.0) * votes.scatter.max(1.0);

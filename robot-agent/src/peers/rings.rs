@@ -42,6 +42,8 @@ const HOPELESS_CORRELATION: f64 = 0.8;
 const HOPELESS_VISIBLE: f64 = 0.25;
 /// The same of its beginning, 3 % beside the truth.
 const HOPELESS_START: f64 = 0.12;
+/// The same three where bars may show the negative: either sign counts, so more looks like rings by chance.
+const HOPELESS_BARRED: [f64; 3] = [0.85, 0.3, 0.2];
 const STEPS: usize = 4;
 /// Sensor noise is never taken to be below this, grey levels (rounding alone is 0.29).
 const LEAST_NOISE: f64 = 0.5;
@@ -75,6 +77,8 @@ pub struct RingFit {
     pub bend: [f64; 2],
     /// Ring edges inside the field of view that the fit stands on.
     pub edges_seen: usize,
+    /// From the marker's upper end alone (`super::near`).
+    pub is_rim: bool,
 }
 
 /// One column of the body.
@@ -88,6 +92,15 @@ pub struct Column {
     pub correlation: f64,
     /// Whether it shows the rings.
     pub visible: bool,
+    /// On a body with bars: rings and their negative in one column, which says nothing.
+    pub is_mixed: bool,
+}
+
+impl Column {
+    /// Correlation and gain, without their sign where bars may show the negative.
+    fn strength(&self, is_barred: bool) -> (f64, f64) {
+        if is_barred { (self.correlation.abs(), self.gain.abs()) } else { (self.correlation, self.gain) }
+    }
 }
 
 impl RingFit {
@@ -115,6 +128,33 @@ pub fn profile(look: &CylinderLook, reflectance: &[f64], height_m: f64, blur_m: 
         above = next;
     }
     sum
+}
+
+/// As [`profile`], with its derivatives by height and by the blur.
+fn profile_slopes(
+    look: &CylinderLook,
+    reflectance: &[f64],
+    height_m: f64,
+    blur_m: f64,
+    by_ring: &mut [f64],
+) -> (f64, f64, f64) {
+    let n = reflectance.len();
+    let (mut above, mut sum, mut by_height, mut by_blur) = (1.0, 0.0, 0.0, 0.0);
+    let per_blur = 1.0 / blur_m;
+    for k in 0..n {
+        let mut next = 0.0;
+        if k + 1 < n {
+            let y = (height_m - look.edges_m[k + 1]) * per_blur;
+            let steep = (reflectance[k + 1] - reflectance[k]) * blur::bell(y) * per_blur;
+            next = blur::step(y);
+            by_height += steep;
+            by_blur -= steep * y;
+        }
+        by_ring[k] = above - next;
+        sum += reflectance[k] * by_ring[k];
+        above = next;
+    }
+    (sum, by_height, by_blur)
 }
 
 struct State {
@@ -148,6 +188,10 @@ pub fn fit(
     close: bool,
 ) -> Option<RingFit> {
     let m = SHAPE + look.reflectance.len();
+    let [hopeless_correlation, hopeless_visible, hopeless_start] = match look.is_barred() {
+        true => HOPELESS_BARRED,
+        false => [HOPELESS_CORRELATION, HOPELESS_VISIBLE, HOPELESS_START],
+    };
     let mut state = State {
         bearing_rad: start.0,
         near_m: start.1 - look.radius_m,
@@ -165,9 +209,9 @@ pub fn fit(
         let mut normal = None;
         for step in 0..STEPS {
             accumulate(samples, &pixels, columns, look, &state, blunt, &mut grams);
-            let shown = judge(&grams, 2 + m, round);
+            let shown = judge(&grams, 2 + m, round, look.is_barred());
             // Most candidates show no ring at all.
-            if round == 0 && step == 0 && shown.visible < HOPELESS_START {
+            if round == 0 && step == 0 && shown.visible < hopeless_start {
                 return None;
             }
             let solved = solve(&grams, &shown.columns, &state, look, m, BEND_HELD)?;
@@ -195,7 +239,7 @@ pub fn fit(
             return None;
         }
         if let Some((shown, inverse)) = normal {
-            if shown.visible_count == 0 || shown.correlation < HOPELESS_CORRELATION || shown.visible < HOPELESS_VISIBLE
+            if shown.visible_count == 0 || shown.correlation < hopeless_correlation || shown.visible < hopeless_visible
             {
                 return None;
             }
@@ -228,6 +272,7 @@ pub fn fit(
         columns: shown.columns,
         bend,
         edges_seen,
+        is_rim: false,
     })
 }
 
@@ -318,27 +363,22 @@ fn accumulate(
     let turned = Cylinder::new(state.bearing_rad + BY_BEARING, range, look.radius_m);
     let farther = Cylinder::new(state.bearing_rad, range + by_near, look.radius_m);
     let mut by_ring = [0.0; MAX_RINGS];
-    let mut unused = [0.0; MAX_RINGS];
     let mut row = [0.0; MAX_UNKNOWNS + 3];
+    let blur_px = state.blur_px.hypot(blunt_px);
     for pixel in pixels {
         let sample = &samples[pixel.sample];
         let met = body.meet(&sample.ray);
         let slope = f64::from(sample.ray.slope);
         let m_per_px = met.distance_m * (1.0 + slope * slope) / f64::from(sample.ray.px_per_elevation);
-        let blur_px = state.blur_px.hypot(blunt_px);
         let height = met.height_m + state.lower_m;
-        let value = profile(look, &state.reflectance, height, blur_px * m_per_px, &mut by_ring);
-        let up = 0.05 * m_per_px;
-        let higher = profile(look, &state.reflectance, height + up, blur_px * m_per_px, &mut unused);
-        let lower = profile(look, &state.reflectance, height - up, blur_px * m_per_px, &mut unused);
-        let by_height = (higher - lower) / (2.0 * up);
-        let softer = profile(look, &state.reflectance, height, (blur_px + 0.02) * m_per_px, &mut unused);
+        let (value, by_height, by_blur) =
+            profile_slopes(look, &state.reflectance, height, blur_px * m_per_px, &mut by_ring);
         row[0] = 1.0;
         row[1] = value;
         row[2] = by_height * (turned.height_m(&sample.ray) - met.height_m) / BY_BEARING;
         row[3] = by_height * (farther.height_m(&sample.ray) - met.height_m) / by_near;
         row[4] = by_height;
-        row[5] = (softer - value) / 0.02;
+        row[5] = by_blur * m_per_px;
         // A stronger bend about the nearest line, which itself stays.
         row[6] = by_height * slope * (met.distance_m - state.near_m);
         row[7..7 + rings].copy_from_slice(&by_ring[..rings]);
@@ -355,18 +395,18 @@ fn accumulate(
 
 struct Shown {
     columns: Vec<Column>,
-    visible_count: usize,
+    visible_count: i32,
     visible: f64,
     correlation: f64,
     gain: f64,
     noise: f64,
 }
 
-/// Which columns show the rings.
-fn judge(grams: &[Gram], gray: usize, round: usize) -> Shown {
+/// Which columns show the rings; on a body with bars also their negative, and a column on a bar's border shows neither.
+fn judge(grams: &[Gram], gray: usize, round: usize, is_barred: bool) -> Shown {
     let m = gray;
     let mut columns = vec![Column::default(); grams.len()];
-    let mut measured = 0;
+    let mut measured = 0i32;
     let least = if round == 0 { LEAST_CORRELATION - 0.2 } else { LEAST_CORRELATION };
     let mut gains = Vec::new();
     let mut residuals = vec![0.0; grams.len()];
@@ -389,35 +429,41 @@ fn judge(grams: &[Gram], gray: usize, round: usize) -> Shown {
         column.offset = (s[0][m] - column.gain * s[0][1]) / n;
         column.correlation = pi / (pp * (ii + LEAST_NOISE * LEAST_NOISE * n)).sqrt();
         residuals[c] = ((ii - pi * pi / pp).max(0.0) / (n - 2.0).max(1.0)).sqrt();
-        column.visible = column.correlation > least;
+        let (correlation, gain) = column.strength(is_barred);
+        column.visible = correlation > least;
         if column.visible {
-            gains.push(column.gain);
+            gains.push(gain);
         }
     }
     let gain = median(&mut gains);
-    let (mut count, mut sum, mut rests) = (0, 0.0, Vec::new());
+    let (mut count, mut sum, mut rests) = (0i32, 0.0, Vec::new());
     for (column, rest) in columns.iter_mut().zip(&residuals) {
-        column.visible &= column.gain > 0.35 * gain && column.gain < 2.5 * gain;
+        let (correlation, own) = column.strength(is_barred);
+        column.visible &= own > 0.35 * gain && own < 2.5 * gain;
         if column.visible {
             count += 1;
-            sum += column.correlation;
+            sum += correlation;
             rests.push(*rest);
         }
     }
     let noise = median(&mut rests);
     let typical = noise.max(LEAST_NOISE);
+    for (column, rest) in columns.iter_mut().zip(&residuals).filter(|_| is_barred) {
+        column.is_mixed = column.correlation != 0.0 && !column.visible && *rest <= 3.0 * typical;
+        measured -= i32::from(column.is_mixed);
+    }
     // A column that an occluder or a shadow touches fits worse than its fellows.
     for (column, rest) in columns.iter_mut().zip(&residuals) {
         if column.visible && *rest > 3.0 * typical {
             column.visible = false;
             count -= 1;
-            sum -= column.correlation;
+            sum -= column.strength(is_barred).0;
         }
     }
     Shown {
         visible_count: count,
-        visible: count as f64 / f64::from(measured.max(1)),
-        correlation: sum / count.max(1) as f64,
+        visible: f64::from(count) / f64::from(measured.max(1)),
+        correlation: sum / f64::from(count.max(1)),
         gain,
         noise: typical,
         columns,

@@ -16,6 +16,8 @@ const RANGE_M: [f64; 2] = [0.6, 7.0];
 const RANGE_STEP: f64 = 1.03;
 /// Most candidates of one picture.
 pub const MAX_CANDIDATES: usize = 24;
+/// The same where bars may show the negative of the rings: more looks like either.
+const MAX_BARRED_CANDIDATES: usize = 16;
 /// Strips below this correlation have no vote; above the second a whole one.
 const VOTE: [f32; 2] = [0.55, 0.85];
 /// Share of the body's strips that must vote.
@@ -68,6 +70,8 @@ pub struct Candidate {
     pub seen_rad: [f64; 2],
     /// Measured in the last frame: the place is right to a fraction of a pixel if the robot still stands.
     pub known: bool,
+    /// Found by the marker's upper end alone.
+    pub is_near: bool,
 }
 
 #[derive(Debug)]
@@ -82,6 +86,8 @@ struct Level {
 pub struct Search {
     grid: Grid,
     levels: Vec<Level>,
+    /// Bars show the negative of the rings.
+    is_barred: bool,
     pad: usize,
     sums: Vec<u32>,
     squares: Vec<u32>,
@@ -107,6 +113,7 @@ impl Search {
         Self {
             grid,
             levels,
+            is_barred: look.is_barred(),
             pad,
             sums: vec![0; table],
             squares: vec![0; table],
@@ -127,7 +134,7 @@ impl Search {
         for (level, (votes, support)) in
             self.levels.iter().zip(self.votes.chunks_exact_mut(width).zip(self.support.chunks_exact_mut(width)))
         {
-            vote(&self.sums, &self.squares, width, self.pad, level, votes);
+            vote(&self.sums, &self.squares, (width, self.pad), level, self.is_barred, votes);
             gather(votes, level.half_columns * 0.85, support);
         }
         self.pick()
@@ -167,7 +174,7 @@ impl Search {
             }
             picked.push((l, u));
             candidates.push(self.candidate(l, u, s));
-            if candidates.len() == MAX_CANDIDATES {
+            if candidates.len() == if self.is_barred { MAX_BARRED_CANDIDATES } else { MAX_CANDIDATES } {
                 break;
             }
         }
@@ -189,6 +196,7 @@ impl Search {
             support: f64::from(support),
             seen_rad: [bearing((u as i64 + last) as f64), bearing((u as i64 + first) as f64)],
             known: false,
+            is_near: false,
         }
     }
 }
@@ -214,9 +222,20 @@ fn bands(grid: &Grid, look: &CylinderLook, camera_height_m: f64, lowest: f64, ra
     (rows >= 4 && high - low > 0.05).then_some(bands)
 }
 
-fn vote(sums: &[u32], squares: &[u32], width: usize, pad: usize, level: &Level, votes: &mut [f32]) {
+fn vote(
+    sums: &[u32],
+    squares: &[u32],
+    (width, pad): (usize, usize),
+    level: &Level,
+    is_barred: bool,
+    votes: &mut [f32],
+) {
     let stride = width + 2 * pad + 1;
-    let half_strip = ((0.12 * level.half_columns) as usize).clamp(1, pad - 1);
+    // Bars are narrow: a strip across the border of one shows neither.
+    let half_strip = match is_barred {
+        true => ((0.06 * level.half_columns) as usize).min(pad - 1),
+        false => ((0.12 * level.half_columns) as usize).clamp(1, pad - 1),
+    };
     let hop = half_strip.max(1);
     let mut u = 0;
     while u < width {
@@ -230,6 +249,7 @@ fn vote(sums: &[u32], squares: &[u32], width: usize, pad: usize, level: &Level, 
             middle + half_strip + 1,
             NOISE2,
         );
+        let (correlation, gain) = if is_barred { (correlation.abs(), gain.abs()) } else { (correlation, gain) };
         let vote =
             if gain < LEAST_GAIN { 0.0 } else { ((correlation - VOTE[0]) / (VOTE[1] - VOTE[0])).clamp(0.0, 1.0) };
         let end = (u + hop).min(width);

@@ -46,6 +46,8 @@ fn noise(seed: u64, x: f64, y: f64) -> f64 {
 pub enum Paint {
     /// The four announced rings, black below.
     Rings,
+    /// The same with bars (middle and half width, degrees) on a robot of this heading, radians.
+    Barred(f64, &'static [[f64; 2]]),
     Plain(f64),
     /// Texture of a seed: mean, amplitude, scale (1/m).
     Texture(u64, f64, f64, f64),
@@ -62,6 +64,12 @@ impl Paint {
                 } else {
                     [0.85, 0.10, 0.85, 0.10][(((z - 0.1) / 0.1) as usize).min(3)]
                 }
+            }
+            Paint::Barred(heading, bars) => {
+                let ring = Paint::Rings.at(a, z);
+                let azimuth = (a / 0.2 - heading).to_degrees();
+                let apart = |bar: &[f64; 2]| ((azimuth - bar[0] + 180.0).rem_euclid(360.0) - 180.0).abs() < bar[1];
+                if z >= 0.1 && bars.iter().any(apart) { 0.95 - ring } else { ring }
             }
             Paint::Plain(r) => r,
             Paint::Texture(seed, mean, amplitude, scale) => {

@@ -15,7 +15,7 @@ fn marker() -> Marker {
         .enumerate()
         .map(|(k, r)| Ring { height_m: [0.1 + 0.1 * k as f64, 0.2 + 0.1 * k as f64], reflectance: *r })
         .collect();
-    Marker::Cylinder { radius_m: 0.2, height_m: [0.1, 0.5], look: Some(Look { rings }) }
+    Marker::Cylinder { radius_m: 0.2, height_m: [0.1, 0.5], look: Some(Look { rings, bar_width_deg: None }) }
 }
 
 fn grid() -> Grid {
@@ -67,6 +67,71 @@ fn robots_from_1_to_6_metres_are_measured_within_their_sigmas_across_the_seam() 
         assert!((peer.range_m / range - 1.0).abs() < 0.015, "{range} m: {}", peer.range_m);
         assert!(difference(peer.bearing_rad, bearing).abs() < 0.06_f64.to_radians());
     }
+}
+
+#[test]
+fn robots_below_a_metre_are_measured_by_the_upper_end_of_their_marker() {
+    let robots = [(-0.7, 0.78)];
+    let peers = sighted(7, &robots, vec![]);
+    assert_eq!(peers.len(), 1, "{peers:?}");
+    for (bearing, range) in robots {
+        let peer = nearest(&peers, bearing);
+        assert_consistent(peer, bearing, range);
+        assert!((peer.range_m / range - 1.0).abs() < 0.01, "{range} m: {}", peer.range_m);
+    }
+}
+
+const CODE: [[f64; 2]; 6] = [[60.0, 15.0], [120.0, 15.0], [157.5, 7.5], [187.5, 7.5], [247.5, 22.5], [345.0, 30.0]];
+
+fn coded(robot: &str, turn_deg: f64) -> (Option<RobotId>, Marker) {
+    let Marker::Cylinder { radius_m, height_m, look } = marker() else { panic!() };
+    let look = look.map(|look| Look { bar_width_deg: Some(15.0), ..look });
+    let azimuths_deg = CODE.iter().enumerate().map(|(n, [a, _])| a + turn_deg * f64::from(n as u8)).collect();
+    let code = Some(CODE.iter().map(|[_, half]| (half / 7.5) as u8).collect());
+    (RobotId::new(robot).ok(), Marker::Bars { radius_m, azimuths_deg, height_m, code, look })
+}
+
+/// Robots at (bearing, range, heading) with the bars of r2; r3 wears others, r4 only rings.
+fn sighted_bars(seed: u64, robots: &[(f64, f64, f64)], others: Vec<test_scene::Pillar>) -> Vec<Peer> {
+    let mut scene = Scene::room(seed, 1.0).with_walls(6.5);
+    scene.pillars = others;
+    for (bearing, range, heading) in robots {
+        let mut body = test_scene::robot(range * bearing.cos(), range * bearing.sin());
+        body[0].side = test_scene::Paint::Barred(*heading, &CODE);
+        scene.pillars.extend(body);
+    }
+    let raw = scene.picture(2.0, seed);
+    let camera = MountedCamera::reference(test_scene::CAMERA_HEIGHT_M);
+    let fellows = [coded("r2", 0.0), coded("r3", 2.0), (RobotId::new("r4").ok(), marker())];
+    let mut detector = PeerDetector::for_team(&camera, grid(), &fellows);
+    assert_eq!((detector.finders.len(), detector.unsupported()), (1, &[][..]));
+    detector.detect(&raw, &test_scene::panorama(&raw))
+}
+
+#[test]
+fn coded_bars_say_who_it_is_and_which_way_it_looks() {
+    let robots = [(0.3, 1.4, 2.0), (2.2, 2.3, -1.1), (-2.0, 3.2, 0.4)];
+    let peers = sighted_bars(19, &robots, vec![]);
+    assert_eq!(peers.len(), 3, "{peers:?}");
+    for (bearing, range, heading) in robots {
+        let peer = nearest(&peers, bearing);
+        assert_eq!((peer.kind, peer.robot), (1, RobotId::new("r2").ok()), "{range} m");
+        let [found, sigma] = peer.heading_rad.unwrap();
+        let error = difference(found, heading);
+        assert!(error.abs() < 4.0 * sigma && error.abs() < 0.07, "{range} m: heading off by {error}, sigma {sigma}");
+        assert!((peer.range_m / range - 1.0).abs() < 0.015, "{range} m: {}", peer.range_m);
+        let numbers = peer.features.iter().filter(|f| matches!(f.part, FeaturePart::Bar(Some(_)))).count();
+        assert!(numbers >= 1, "{range} m: {:?}", peer.features);
+    }
+}
+
+#[test]
+fn plain_rings_beside_barred_fellows_are_a_cylinder_without_a_heading() {
+    let others = test_scene::robot(1.5, 1.0);
+    let peers = sighted_bars(23, &[], others);
+    assert_eq!(peers.len(), 1, "{peers:?}");
+    assert_eq!((peers[0].kind, peers[0].robot, peers[0].heading_rad), (0, None, None));
+    assert_consistent(&peers[0], 1.0_f64.atan2(1.5), 1.0_f64.hypot(1.5));
 }
 
 #[test]

@@ -101,7 +101,7 @@ impl Robot {
             epoch: self.epoch,
             host: format!("host-of-{}", self.id),
             version: "chaos".to_owned(),
-            marker: scenario.marker(),
+            marker: scenario.marker_of(&self.id),
             camera: CameraSummary {
                 model: "pal".to_owned(),
                 height_m: CAMERA_M,

@@ -124,7 +124,7 @@ fn record(args: &RecordArgs) -> Result<String, RecordError> {
     let world = Arc::new(world);
     let out = &args.out;
     make_folder(out)?;
-    write(&out.join("markers.json"), &json_lines([&scenario.marker()]))?;
+    write(&out.join("markers.json"), &json_lines([config::markers(&scenario)]))?;
     write(&out.join("leader.toml"), &config::leader_toml(world.robots().len()))?;
     let jobs: Vec<Job> = Renderer::team(&world)
         .into_iter()
@@ -138,10 +138,7 @@ fn record(args: &RecordArgs) -> Result<String, RecordError> {
         let folder = out.join(robot.id.as_str());
         make_folder(&folder.join("frames"))?;
         write(&folder.join("camera.toml"), scenario.camera_toml_of(&robot.id).as_bytes())?;
-        write(
-            &folder.join("agent.toml"),
-            config::agent_toml(robot.id.as_str(), robot.clock_offset_s, &scenario).as_bytes(),
-        )?;
+        write(&folder.join("agent.toml"), config::agent_toml(robot.id, robot.clock_offset_s, &scenario).as_bytes())?;
         let mut table = String::from("file,capture_ns\n");
         for (n, capture) in captures(robot, duration_s).enumerate() {
             let name = format!("{n:06}.png");

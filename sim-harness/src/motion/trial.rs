@@ -101,7 +101,7 @@ pub fn run_scenario(case: Case, seed: u64, scenario: Scenario) -> Result<Trial, 
     let camera = CameraFile::parse(&text, Path::new("the scenario's camera"))
         .and_then(|file| file.mount())
         .map_err(|e| TrialError::Camera(e.to_string()))?;
-    let mut settings = AgentSettings::new(robot.id, scenario.marker());
+    let mut settings = AgentSettings::new(robot.id, scenario.marker_of(&robot.id));
     settings.frame_rate_hz = scenario.capture.rate_hz;
     let mut agent = Agent::new(settings, camera, 1)?;
     let mut renderer = Renderer::team(&world).remove(0);

@@ -3,6 +3,7 @@
 
 use crate::scenario::{LampSpec, share_at};
 use crate::world::MAX_LAMPS;
+use crate::world::body::Body;
 use crate::world::solid::{Block, Capsule, Upright};
 use crate::world::vector::{Ray, V3, v3};
 
@@ -136,8 +137,10 @@ pub struct Caster {
     pub bound: Upright,
     /// Parts of a person; empty for a robot.
     pub capsules: Vec<Capsule>,
-    /// Parts of a robot; empty for a person.
+    /// What throws a robot's shadow; empty for a person.
     pub uprights: Vec<Upright>,
+    /// A robot's body; none for a person.
+    pub robot: Option<Body>,
 }
 
 /// Parts of a caster that can shade some place.

@@ -4,6 +4,7 @@ use super::light::{Caster, PerLamp};
 use super::scene::{Glow, Scene};
 use super::still::{robot_caster, robot_glow, robot_key};
 use crate::world::MAX_LAMPS;
+use crate::world::body::Body;
 use crate::world::person::{COVERS, PARTS};
 use crate::world::solid::{Capsule, Upright};
 use crate::world::vector::{Ray, V3, v3};
@@ -32,15 +33,20 @@ pub struct MoverHit {
 
 impl Mover {
     /// A driving robot.
-    pub fn robot(index: usize, x_m: f64, y_m: f64, camera_height_m: f64) -> Self {
-        Self { caster: robot_caster(index as u16 + 1, x_m, y_m, camera_height_m), clothes: None, turn: [1.0, 0.0] }
+    pub fn robot(index: usize, body: Body) -> Self {
+        Self { caster: robot_caster(index as u16 + 1, body), clothes: None, turn: [1.0, 0.0] }
     }
 
     /// A person.
     pub fn person(index: usize, capsules: &[Capsule; PARTS], clothes: Clothes, heading_rad: f64) -> Self {
         let bound = round(capsules);
-        let caster =
-            Caster { body: FIRST_PERSON + index as u16, bound, capsules: capsules.to_vec(), uprights: Vec::new() };
+        let caster = Caster {
+            body: FIRST_PERSON + index as u16,
+            bound,
+            capsules: capsules.to_vec(),
+            uprights: Vec::new(),
+            robot: None,
+        };
         Self { caster, clothes: Some(clothes), turn: [heading_rad.cos() as f32, heading_rad.sin() as f32] }
     }
 
@@ -51,7 +57,7 @@ impl Mover {
 
     /// Number of parts.
     pub fn parts(&self) -> usize {
-        self.caster.capsules.len() + self.caster.uprights.len()
+        self.caster.robot.as_ref().map_or(self.caster.capsules.len(), Body::parts)
     }
 
     /// The upright cylinder round a part.
@@ -64,7 +70,7 @@ impl Mover {
                 low: c.a.z.min(c.b.z) - c.radius,
                 high: c.a.z.max(c.b.z) + c.radius,
             },
-            None => self.caster.uprights[part - self.caster.capsules.len()],
+            None => self.caster.robot.as_ref().map_or(self.caster.bound, |body| body.bound(part)),
         }
     }
 
@@ -74,8 +80,8 @@ impl Mover {
         match self.caster.capsules.get(part) {
             Some(capsule) => capsule.hit(ray, limit).map(|t| MoverHit { t, part, normal: None }),
             None => {
-                let upright = &self.caster.uprights[part - self.caster.capsules.len()];
-                upright.hit(ray, limit).map(|(t, normal)| MoverHit { t, part, normal: Some(normal) })
+                let body = self.caster.robot.as_ref()?;
+                body.hit(part, ray, limit).map(|(t, normal)| MoverHit { t, part, normal: Some(normal) })
             }
         }
     }
@@ -94,8 +100,8 @@ impl Mover {
             let meets = match self.caster.capsules.get(part) {
                 Some(c) => Capsule { radius: c.radius + grown, ..*c }.hit(ray, f32::INFINITY).is_some(),
                 None => {
-                    let u = &self.caster.uprights[part - self.caster.capsules.len()];
-                    Upright { radius: u.radius + grown, low: u.low - grown, high: u.high + grown, ..*u }
+                    let u = self.part_bound(part);
+                    Upright { radius: u.radius + grown, low: u.low - grown, high: u.high + grown, ..u }
                         .hit(ray, f32::INFINITY)
                         .is_some()
                 }
@@ -109,9 +115,11 @@ impl Mover {
     /// Distinguishes surfaces between which a pixel shows an edge; never 0.
     #[inline]
     pub fn key(&self, hit: &MoverHit, ray: &Ray) -> u32 {
-        match hit.normal {
-            Some(normal) => robot_key(usize::from(self.caster.body), hit.part, ray.at(hit.t).z, normal.z),
-            None => (u32::from(self.caster.body) << 8) + COVERS[hit.part] as u32 + 1,
+        match (hit.normal, &self.caster.robot) {
+            (Some(normal), Some(body)) => {
+                robot_key(usize::from(self.caster.body), hit.part, body.zone(hit.part, ray.at(hit.t), normal))
+            }
+            _ => (u32::from(self.caster.body) << 8) + COVERS[hit.part] as u32 + 1,
         }
     }
 
@@ -144,10 +152,10 @@ impl Mover {
     /// What the met point sends to the camera; `open` is the share of each lamp's light that comes there.
     pub fn glow(&self, hit: &MoverHit, ray: &Ray, scene: &Scene, open: &PerLamp) -> Glow {
         let p = ray.at(hit.t);
-        let mut glow = match (hit.normal, &self.clothes) {
-            (Some(normal), _) => robot_glow(scene, hit.part, p, normal),
-            (None, Some(clothes)) => self.person_glow(hit.part, clothes, p, scene),
-            (None, None) => Glow::default(),
+        let mut glow = match (hit.normal, &self.caster.robot, &self.clothes) {
+            (Some(normal), Some(body), _) => robot_glow(scene, body.reflectance(hit.part, p, normal), p, normal),
+            (_, _, Some(clothes)) => self.person_glow(hit.part, clothes, p, scene),
+            _ => Glow::default(),
         };
         glow.lamps.iter_mut().zip(open).for_each(|(lamp, open)| *lamp *= open);
         glow

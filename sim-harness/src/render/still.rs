@@ -5,8 +5,7 @@ use super::light::Caster;
 use super::rays::{Rays, Stand};
 use super::scene::{Glow, Scene};
 use crate::world::MAX_LAMPS;
-use crate::world::body;
-use crate::world::solid::Upright;
+use crate::world::body::Body;
 use crate::world::vector::{Ray, V3};
 
 /// Sectors of bearing by which solids are sorted.
@@ -75,11 +74,12 @@ impl<'a> Still<'a> {
         let (t, patch) = self.scene.hit(ray, &self.blocks_in[sector]);
         let mut hit = StillHit { t, key: patch as u32, robot: None, patch };
         for n in &self.robots_in[sector] {
-            for (part, upright) in self.casters[usize::from(*n)].uprights.iter().enumerate() {
-                if let Some((t, normal)) = upright.hit(ray, hit.t) {
+            let Some(body) = &self.casters[usize::from(*n)].robot else { continue };
+            for part in 0..body.parts() {
+                if let Some((t, normal)) = body.hit(part, ray, hit.t) {
                     hit.t = t;
                     hit.robot = Some((usize::from(*n), part, normal));
-                    hit.key = robot_key(usize::from(*n), part, ray.at(t).z, normal.z);
+                    hit.key = robot_key(usize::from(*n), part, body.zone(part, ray.at(t), normal));
                 }
             }
         }
@@ -107,7 +107,10 @@ impl<'a> Still<'a> {
     fn bare_glow(&self, hit: &StillHit, ray: &Ray, pixel_rad: f32) -> (Glow, usize) {
         let p = ray.at(hit.t);
         match hit.robot {
-            Some((n, part, normal)) => (robot_glow(self.scene, part, p, normal), n),
+            Some((n, part, normal)) => {
+                let reflectance = self.casters[n].robot.as_ref().map_or(0.0, |body| body.reflectance(part, p, normal));
+                (robot_glow(self.scene, reflectance, p, normal), n)
+            }
             None => {
                 let facing = ray.direction.dot(self.scene.normal(hit.patch)).abs().max(0.02);
                 (self.scene.glow(hit.patch, p, hit.t * pixel_rad / facing.sqrt()), usize::MAX)
@@ -117,7 +120,7 @@ impl<'a> Still<'a> {
 }
 
 /// Keys of robots begin here.
-pub const ROBOT_KEYS: u32 = 0x1_0000;
+pub const ROBOT_KEYS: u32 = 0x100_0000;
 
 /// A ball round the points of some pixels.
 fn ball(pixels: &[u32], points: &[V3]) -> (V3, f32) {
@@ -127,15 +130,19 @@ fn ball(pixels: &[u32], points: &[V3]) -> (V3, f32) {
 }
 
 /// Distinguishes the painted parts of robots.
-pub fn robot_key(robot: usize, part: usize, z: f32, normal_z: f32) -> u32 {
-    let ring = if normal_z.abs() > 0.5 { 15 } else { (z * 10.0) as u32 };
-    ROBOT_KEYS + ((robot as u32) << 8) + ((part as u32) << 4) + ring
+pub fn robot_key(robot: usize, part: usize, zone: u32) -> u32 {
+    ROBOT_KEYS + ((robot as u32) << 12) + ((part as u32) << 8) + zone
+}
+
+/// Robot and part of a key.
+pub fn robot_of(key: u32) -> Option<(usize, usize)> {
+    let key = key.checked_sub(ROBOT_KEYS).filter(|_| key != u32::MAX)?;
+    Some(((key >> 12) as usize, (key >> 8 & 15) as usize))
 }
 
 /// What a point on a robot sends to the camera, nobody's shadow on it.
 #[inline]
-pub fn robot_glow(scene: &Scene, part: usize, p: V3, normal: V3) -> Glow {
-    let reflectance = body::reflectance(part, p.z, normal.z);
+pub fn robot_glow(scene: &Scene, reflectance: f32, p: V3, normal: V3) -> Glow {
     let mut glow = Glow { ambient: reflectance * scene.lights().ambient(normal), lamps: [0.0; MAX_LAMPS] };
     for k in 0..scene.lights().count() {
         glow.lamps[k] = reflectance * scene.lights().direct(k, p, normal);
@@ -144,14 +151,13 @@ pub fn robot_glow(scene: &Scene, part: usize, p: V3, normal: V3) -> Glow {
 }
 
 /// A robot's solids as something that throws shadows.
-pub fn robot_caster(body: u16, x_m: f64, y_m: f64, camera_height_m: f64) -> Caster {
-    let uprights = body::solids(x_m, y_m, camera_height_m);
-    let top = uprights.iter().map(|u| u.high).fold(0.0, f32::max);
+pub fn robot_caster(number: u16, robot: Body) -> Caster {
     Caster {
-        body,
-        bound: Upright { high: top, low: 0.0, ..uprights[0] },
+        body: number,
+        bound: robot.outer_bound(),
         capsules: Vec::new(),
-        uprights: uprights.to_vec(),
+        uprights: robot.shades(),
+        robot: Some(robot),
     }
 }
 

@@ -113,6 +113,19 @@ fn robots(s: &Scenario) -> Result<(), Fault> {
         within(&format!("{key}.distance_m"), drive.distance_m, 0.0, 6.0, "metres")?;
         within(&format!("{key}.turn_deg"), drive.turn_deg, -360.0, 360.0, "degrees")?;
     }
+    for (n, wear) in s.robots.wear.iter().enumerate() {
+        let key = format!("robots.wear[{n}]");
+        known_robot(s, &key, &wear.robot)?;
+        if let super::WearSpec::Plate { width_m, left_edge_m, behind_m } = &wear.marker {
+            within(&format!("{key}.marker.width_m"), *width_m, 0.05, 1.0, "metres")?;
+            within(&format!("{key}.marker.left_edge_m"), *left_edge_m, 0.0, *width_m, "metres")?;
+            within(&format!("{key}.marker.behind_m"), *behind_m, 0.03, 0.3, "metres (before the mast)")?;
+        }
+        if let Err(fault) = wear.marker.marker().validate() {
+            let right = "a marker that can be announced".to_owned();
+            return Err(Fault { key: format!("{key}.marker"), value: fault.to_string(), right });
+        }
+    }
     Ok(())
 }
 

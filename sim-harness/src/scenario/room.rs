@@ -95,6 +95,8 @@ pub enum FurnitureKind {
     Sofa,
     /// A plain box.
     Box,
+    /// A box with level stripes about as wide as a robot's rings.
+    StripedBox,
     /// On the wall.
     Door,
     /// On the wall.
@@ -114,6 +116,7 @@ impl FurnitureKind {
             Self::Bookcase => [1.2, 0.32, 2.0],
             Self::Sofa => [1.7, 0.8, 0.78],
             Self::Box => [0.4, 0.4, 0.4],
+            Self::StripedBox => [0.4, 0.4, 0.5],
             Self::Door => [0.95, 0.0, 2.05],
             Self::Poster => [0.7, 0.0, 1.0],
             Self::Whiteboard => [1.6, 0.0, 1.0],

@@ -101,7 +101,7 @@ impl Team {
         let names = settings.names(&world);
         for ((index, robot), renderer) in world.robots().iter().enumerate().zip(Renderer::team(&world)) {
             let captures = robot.captures.iter().filter(|c| c.true_time_s <= duration_s).copied().collect();
-            let mut agent_settings = AgentSettings::new(names[index], scenario.marker());
+            let mut agent_settings = AgentSettings::new(names[index], scenario.marker_of(&robot.id));
             agent_settings.frame_rate_hz = scenario.capture.rate_hz;
             let agent = Agent::new(agent_settings, camera(scenario, settings, &robot.id)?, index as u64 + 1)?;
             robots.push(RobotNode {

@@ -85,6 +85,7 @@ impl Builder<'_> {
                 }
             }
             FurnitureKind::Box => self.add([0.0, 0.0, 0.0], [w, d, h], [Paint::Fabric(0.45); FACES]),
+            FurnitureKind::StripedBox => self.add([0.0, 0.0, 0.0], [w, d, h], [Paint::Stripes(0.2 * h); FACES]),
             FurnitureKind::Door | FurnitureKind::Poster | FurnitureKind::Whiteboard => {}
         }
     }

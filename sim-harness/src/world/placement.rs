@@ -1,6 +1,8 @@
 //! Where robots stand and drive, by the seed: far enough from walls, furniture and each other, all in sight of each other,
 //! and in a layout that three unnamed robots can make sense of: not nearly in a line, not nearly equilateral.
 
+use std::sync::Arc;
+
 use nalgebra::Vector2;
 use protocol::id::RobotId;
 use rand::{Rng, RngExt};
@@ -36,6 +38,7 @@ pub(super) fn place(
         let mut robots: Vec<Robot> = Vec::new();
         for (n, id) in ids.iter().enumerate() {
             let drives: Vec<DriveSpec> = spec.drives.iter().filter(|d| d.robot == *id).cloned().collect();
+            let wear = Arc::new(spec.wear_of(id));
             let fixed = spec.poses.get(n).map(|[x, y, h]| [*x, *y, h.to_radians()]);
             let tries = if fixed.is_some() { 1 } else { TRIES };
             let found = (0..tries).find_map(|_| {
@@ -51,6 +54,7 @@ pub(super) fn place(
                     captures: Vec::new(),
                     first_pose: fixed.unwrap_or(random),
                     drives: drives.clone(),
+                    wear: wear.clone(),
                 };
                 (fixed.is_some() || fits(&robot, &robots, spec, floor)).then_some(robot)
             });

@@ -1,11 +1,13 @@
 //! A robot's way through the run: where it stands, when it drives, when its pictures are taken, what its clock says.
 
+use std::sync::Arc;
+
 use nalgebra::Vector2;
 use protocol::id::RobotId;
 use protocol::time::Timestamp;
 use rand::{Rng, RngExt};
 
-use crate::scenario::{CaptureSpec, DriveSpec};
+use crate::scenario::{CaptureSpec, DriveSpec, WearSpec};
 
 /// Zero of the true time on every clock of the team before its own offset, so that no stamp is negative.
 pub const START_STAMP_S: f64 = 1.0;
@@ -23,6 +25,8 @@ pub struct Robot {
     pub first_pose: [f64; 3],
     /// Its drives, in order.
     pub drives: Vec<DriveSpec>,
+    /// What it wears.
+    pub wear: Arc<WearSpec>,
 }
 
 /// One picture.

@@ -26,6 +26,8 @@ pub enum Paint {
     Screen,
     /// A bright board with lines of writing.
     Whiteboard,
+    /// Dark and bright stripes of this height, the lowest dark.
+    Stripes(f32),
 }
 
 impl Paint {
@@ -103,6 +105,10 @@ impl Paint {
                 let window = u > 0.1 * size[0] && u < 0.7 * size[0] && v > 0.2 * size[1] && v < 0.8 * size[1];
                 let text = edge(v, 0.03, 0.015) * 0.4;
                 if window { 0.8 - text } else { 0.12 }
+            }
+            Self::Stripes(height) => {
+                let is_bright = (v / height) as i32 % 2 == 1;
+                (if is_bright { 0.8 } else { 0.12 }) * (1.0 + 0.1 * cloud(s, u * 9.0, v * 9.0))
             }
             Self::Whiteboard => {
                 let rim = u < 0.03 || v < 0.03 || u > size[0] - 0.03 || v > size[1] - 0.03;

@@ -1,0 +1,379 @@
+//! A body so near that only its topmost ring is in view: below one metre a camera at 0.6 m sees no more of it.
+//!
+//! Problem: without two rings there is no pattern to find. Insight: the upper end of the marker is a curve that bends with the
+//! distance to the near surface, R² being known; it gives the axis' bearing and range as the rings do further away, and the
+//! outlines, 20° and more apart, give both again. Only what satisfies both is a robot. Algorithm: at every bearing and range
+//! the contrast across the predicted curve is taken at eleven places, and must have one sign nearly everywhere; there the
+//! curve is measured column by column to a fraction of a pixel and (bearing, distance) fitted to it, strays left out.
+
+use std::f64::consts::TAU;
+
+use nalgebra::{Matrix2, Vector2};
+
+use super::blur;
+use super::geometry::Cylinder;
+use super::look::CylinderLook;
+use super::rays::Sample;
+use super::rings::{BLUR_PX, Column, RingFit, median};
+use super::search::{Candidate, Grid};
+
+/// Ranges, metres, and the step between them.
+const RANGE_M: [f64; 2] = [0.5, 1.3];
+const RANGE_STEP: f64 = 1.03;
+/// Places on the curve: sines of the angle of incidence.
+const PLACES: usize = 11;
+const WIDEST_SINE: f64 = 0.85;
+/// Of them may miss the contrast; on bodies with bars, which may be as bright as the lid above them.
+const STRAYS: usize = 2;
+const BARRED_STRAYS: usize = 4;
+/// Least contrast, grey levels.
+const LEAST_STEP: i32 = 6;
+/// Every so many columns.
+const STRIDE: usize = 2;
+/// Most candidates of a picture.
+const MAX_CANDIDATES: usize = 4;
+/// The curve is fitted this far round the body.
+const FITTED_SINE: f64 = 0.93;
+/// How far from the prediction a column is looked at, pixels.
+const REACH_PX: [f64; 2] = [3.5, 5.0];
+/// From the start the curve may turn out to be this far away, pixels.
+const MOST_WAY_PX: f64 = 12.0;
+/// Least share of the columns that agree, and their largest RMS distance from the curve, pixels.
+const LEAST_AGREEING: f64 = 0.6;
+const LEAST_AGREEING_BARRED: f64 = 0.45;
+const WORST_RMS_PX: f64 = 0.3;
+/// What a curve is worth beside rings: where both are to be had, rings are taken.
+const CORRELATION: f64 = 0.97;
+const ROUNDS: usize = 6;
+/// A step in a column is looked for this far from the prediction, pixels.
+const MOST_STEP_PX: f64 = 2.8;
+
+#[derive(Debug)]
+struct Level {
+    range_m: f64,
+    half_columns: f64,
+    /// Column beside the axis' and row of the curve's lower side there.
+    places: Vec<(i64, usize)>,
+}
+
+/// The coarse search for near bodies.
+#[derive(Debug)]
+pub struct NearSearch {
+    grid: Grid,
+    /// Bars show the negative: the contrast may change its sign along the curve.
+    is_barred: bool,
+    levels: Vec<Level>,
+}
+
+impl NearSearch {
+    /// Prepares the curves of a look for a camera at this height.
+    pub fn new(grid: Grid, look: &CylinderLook, camera_height_m: f64) -> Self {
+        let [top, bottom] = grid.tangents;
+        let per_row = grid.height as f64 / (top - bottom);
+        let rise = look.high_m() - camera_height_m;
+        let mut levels = Vec::new();
+        let mut range_m = RANGE_M[0].max(1.6 * look.radius_m);
+        while range_m < RANGE_M[1] {
+            let half_columns = (look.radius_m / range_m).asin() / TAU * grid.width as f64;
+            let places = (0..PLACES).filter_map(|k| {
+                let sine = WIDEST_SINE * (2.0 * k as f64 / (PLACES - 1) as f64 - 1.0);
+                let aside = (look.radius_m * sine / range_m).asin();
+                let distance = range_m * aside.cos() - look.radius_m * (1.0 - sine * sine).sqrt();
+                let row = (top - rise / distance) * per_row;
+                // Three rows above, two below.
+                let fits = row >= 4.0 && row + 3.0 < grid.height as f64;
+                fits.then(|| ((-aside / TAU * grid.width as f64).round() as i64, row.round() as usize))
+            });
+            let places: Vec<_> = places.collect();
+            if places.len() > PLACES / 2 {
+                levels.push(Level { range_m, half_columns, places });
+            }
+            range_m *= RANGE_STEP;
+        }
+        Self { grid, is_barred: look.is_barred(), levels }
+    }
+
+    /// Candidates, best first. `panorama` holds one byte a pixel of the grid.
+    pub fn run(&self, panorama: &[u8]) -> Vec<Candidate> {
+        let width = self.grid.width;
+        let mut peaks: Vec<(i32, usize, usize)> = Vec::new();
+        for (l, level) in self.levels.iter().enumerate() {
+            for u in (0..width).step_by(STRIDE) {
+                let score = self.contrast(panorama, level, u);
+                if score >= LEAST_STEP {
+                    peaks.push((score, l, u));
+                }
+            }
+        }
+        peaks.sort_by(|a, b| b.0.cmp(&a.0).then(a.1.cmp(&b.1)).then(a.2.cmp(&b.2)));
+        let mut picked: Vec<(usize, usize)> = Vec::new();
+        for (_, l, u) in peaks {
+            let is_near = |(pl, pu): &(usize, usize)| {
+                let apart = (u + width - pu) % width;
+                let ratio = self.levels[*pl].range_m / self.levels[l].range_m;
+                (apart.min(width - apart) as f64) < 0.5 * self.levels[l].half_columns && (0.9..1.11).contains(&ratio)
+            };
+            if !picked.iter().any(is_near) {
+                picked.push((l, u));
+                if picked.len() == MAX_CANDIDATES {
+                    break;
+                }
+            }
+        }
+        picked
+            .into_iter()
+            .map(|(l, u)| {
+                let bearing_rad = protocol::angle::wrap(self.grid.seam_rad - TAU * (u as f64 + 0.5) / width as f64);
+                let range_m = self.levels[l].range_m;
+                Candidate {
+                    bearing_rad,
+                    range_m,
+                    support: 1.0,
+                    seen_rad: [bearing_rad; 2],
+                    known: false,
+                    is_near: true,
+                }
+            })
+            .collect()
+    }
+
+    /// The contrast across the curve that all but a few places reach, whichever side is the brighter one; 0 where more than a
+    /// few have too little.
+    fn contrast(&self, panorama: &[u8], level: &Level, u: usize) -> i32 {
+        let width = self.grid.width;
+        let most_strays = if self.is_barred { BARRED_STRAYS } else { STRAYS };
+        let mut steps = [0i32; PLACES];
+        let (mut not_up, mut not_down) = (0, 0);
+        for (step, (aside, row)) in steps.iter_mut().zip(&level.places) {
+            let column = (u as i64 + aside).rem_euclid(width as i64) as usize;
+            let gray = |row: usize| i32::from(panorama[row * width + column]);
+            *step = (gray(row - 3) + gray(row - 2) - gray(row + 1) - gray(row + 2)) / 2;
+            if self.is_barred {
+                *step = step.abs();
+            }
+            not_up += usize::from(*step < LEAST_STEP);
+            not_down += usize::from(*step > -LEAST_STEP);
+            if not_up > most_strays && not_down > most_strays {
+                return 0;
+            }
+        }
+        let steps = &mut steps[..level.places.len()];
+        steps.sort_unstable();
+        let last = steps.len() - 1;
+        let strays = most_strays.min(last);
+        steps[strays].max(-steps[last - strays])
+    }
+}
+
+/// One column across the curve.
+struct Crossing {
+    aside_rad: f64,
+    /// The curve is so much higher than predicted, pixels, and its variance.
+    higher_px: f64,
+    variance_px2: f64,
+    /// Gray levels from below to above.
+    step: f64,
+    noise: f64,
+    px_per_rad: f64,
+}
+
+/// Fits bearing and distance to the marker's upper end. `start`: bearing and range to the axis. `None` where there is no such
+/// curve.
+pub fn fit(samples: &[Sample], look: &CylinderLook, height_m: f64, start: (f64, f64)) -> Option<RingFit> {
+    let (mut bearing, mut range) = start;
+    let rise = look.high_m() - height_m;
+    let samples = about(samples, look, start);
+    let mut fitted = None;
+    for round in 0..ROUNDS {
+        let starts_px: &[f64] = if round < 2 { &[-1.5, 0.0, 1.5] } else { &[0.0] };
+        // Most candidates are none: a third of the columns shows it.
+        let every = if round == 0 { 3 } else { 1 };
+        let crossings = crossings(&samples, look, (bearing, range), starts_px, every);
+        let asked = crossings.len();
+        if asked < 8 {
+            return None;
+        }
+        let side = |is_up: bool| crossings.iter().filter(move |c| look.is_barred() || (c.step > 0.0) == is_up);
+        let is_up = side(true).count() >= side(false).count();
+        let mut agreeing: Vec<&Crossing> = side(is_up).collect();
+        let mut places: Vec<f64> = agreeing.iter().map(|c| c.higher_px).collect();
+        let middle = median(&mut places);
+        let mut away: Vec<f64> = agreeing.iter().map(|c| (c.higher_px - middle).abs()).collect();
+        let gate = (4.0 * median(&mut away)).max(if round < 2 { 1.5 } else { 0.5 });
+        let centre = if round < 2 { middle } else { 0.0 };
+        agreeing.retain(|c| (c.higher_px - centre).abs() < gate);
+        let least = if look.is_barred() { LEAST_AGREEING_BARRED } else { LEAST_AGREEING };
+        if (agreeing.len() as f64) < least * asked as f64 {
+            return None;
+        }
+        // d elevation / d(bearing, range), by differences.
+        let elevation = |bearing: f64, range: f64, at: f64| {
+            let aside = protocol::angle::difference(at, bearing);
+            let sine = (range * aside.sin() / look.radius_m).clamp(-1.0, 1.0);
+            rise.atan2(range * aside.cos() - look.radius_m * (1.0 - sine * sine).sqrt())
+        };
+        let (mut h, mut g, mut chi2, mut rms2) = (Matrix2::zeros(), Vector2::zeros(), 0.0, 0.0);
+        for c in &agreeing {
+            let at = bearing + c.aside_rad;
+            let here = elevation(bearing, range, at);
+            let row = Vector2::new(
+                (elevation(bearing + 1e-4, range, at) - here) / 1e-4,
+                (elevation(bearing, range * 1.0001, at) - here) / (range * 1e-4),
+            ) * c.px_per_rad;
+            // Rings and rim are painted and cut to a few hundredths of a pixel.
+            let weight = 1.0 / (c.variance_px2 + 0.05 * 0.05);
+            h += weight * row * row.transpose();
+            g += weight * row * c.higher_px;
+            chi2 += weight * c.higher_px * c.higher_px;
+            rms2 += c.higher_px * c.higher_px;
+        }
+        let inverse = h.try_inverse()?;
+        let delta = inverse * g;
+        bearing += delta[0].clamp(-0.06, 0.06);
+        range += delta[1].clamp(-0.06 * range, 0.06 * range);
+        let legal = 1.3 * look.radius_m..1.5 * RANGE_M[1];
+        if !legal.contains(&range) || (range / start.1 - 1.0).abs() > 0.2 {
+            return None;
+        }
+        let n = agreeing.len() as f64;
+        let mut noises: Vec<f64> = agreeing.iter().map(|c| c.noise).collect();
+        let mut sizes: Vec<f64> = agreeing.iter().map(|c| c.step.abs()).collect();
+        let inflate = (chi2 / (n - 2.0).max(1.0)).max(1.0);
+        fitted =
+            Some((inverse * inflate, (rms2 / n).sqrt(), n / asked as f64, median(&mut noises), median(&mut sizes)));
+    }
+    let (covariance, rms_px, agreeing, noise, gain) = fitted?;
+    if rms_px > WORST_RMS_PX {
+        return None;
+    }
+    let cylinder = Cylinder::new(bearing, range, look.radius_m);
+    let columns = vec![Column { gain, offset: 0.0, correlation: 1.0, visible: true, is_mixed: false }; 8];
+    Some(RingFit {
+        bearing_rad: protocol::angle::wrap(bearing),
+        near_m: cylinder.range_m - look.radius_m,
+        lower_m: 0.0,
+        blur_px: BLUR_PX,
+        reflectance: look.reflectance.clone(),
+        covariance: [
+            [covariance[(0, 0)], covariance[(0, 1)], 0.0],
+            [covariance[(1, 0)], covariance[(1, 1)], 0.0],
+            [0.0; 3],
+        ],
+        noise: noise.max(0.5),
+        columns,
+        visible: agreeing,
+        correlation: CORRELATION,
+        gain,
+        bend: [0.0; 2],
+        edges_seen: 1,
+        is_rim: true,
+    })
+}
+
+/// The samples that the fit may come to need.
+fn about(samples: &[Sample], look: &CylinderLook, at: (f64, f64)) -> Vec<Sample> {
+    let cylinder = Cylinder::new(at.0, at.1, look.radius_m);
+    let is_about = |sample: &&Sample| {
+        let met = cylinder.meet(&sample.ray);
+        let slope = f64::from(sample.ray.slope);
+        let m_per_px = met.distance_m * (1.0 + slope * slope) / f64::from(sample.ray.px_per_elevation);
+        met.sine.abs() < 1.2 && ((met.height_m - look.high_m()) / m_per_px).abs() < MOST_WAY_PX
+    };
+    samples.iter().filter(is_about).copied().collect()
+}
+
+/// Where the curve is in every `every`-th column of the picture that shows it.
+fn crossings(
+    samples: &[Sample],
+    look: &CylinderLook,
+    at: (f64, f64),
+    starts_px: &[f64],
+    every: usize,
+) -> Vec<Crossing> {
+    let cylinder = Cylinder::new(at.0, at.1, look.radius_m);
+    let half = cylinder.outline_rad;
+    let Some(scale) = samples.first().map(|s| f64::from(s.ray.px_per_bearing)) else { return Vec::new() };
+    let wide = (1.5 / scale).max(half / 40.0);
+    let count = (2.0 * half / wide).ceil().max(1.0) as usize;
+    let mut columns: Vec<Vec<(f64, f64)>> = vec![Vec::new(); count];
+    let mut sums = vec![[0.0f64; 2]; count];
+    for sample in samples {
+        let met = cylinder.meet(&sample.ray);
+        if met.sine.abs() > FITTED_SINE {
+            continue;
+        }
+        let slope = f64::from(sample.ray.slope);
+        let m_per_px = met.distance_m * (1.0 + slope * slope) / f64::from(sample.ray.px_per_elevation);
+        let higher_px = (met.height_m - look.high_m()) / m_per_px;
+        if !(-REACH_PX[1]..=REACH_PX[0]).contains(&higher_px) {
+            continue;
+        }
+        let column = (((met.aside_rad + half) / wide) as usize).min(count - 1);
+        columns[column].push((higher_px, sample.gray));
+        sums[column][0] += met.aside_rad;
+        sums[column][1] += f64::from(sample.ray.px_per_elevation);
+    }
+    let crossing = |(pixels, [aside, scale]): (&Vec<(f64, f64)>, &[f64; 2])| {
+        let n = pixels.len() as f64;
+        let (higher_px, variance_px2, step, noise) = step_at(pixels, starts_px)?;
+        Some(Crossing { aside_rad: aside / n, higher_px, variance_px2, step, noise, px_per_rad: scale / n })
+    };
+    columns.iter().zip(&sums).step_by(every).filter_map(crossing).collect()
+}
+
+/// A blurred step in one column: place, variance of the place, height of the step, residual.
+fn step_at(pixels: &[(f64, f64)], starts_px: &[f64]) -> Option<(f64, f64, f64, f64)> {
+    let below = pixels.iter().filter(|(x, _)| *x < -1.0).count();
+    let above = pixels.iter().filter(|(x, _)| *x > 1.0).count();
+    if below < 2 || above < 2 {
+        return None;
+    }
+    let mut best: Option<(f64, f64, f64, f64)> = None;
+    for start in starts_px {
+        let mut place = *start;
+        let mut found = None;
+        for _ in 0..6 {
+            // level, step, place.
+            let (mut h, mut g) = (nalgebra::Matrix3::zeros(), nalgebra::Vector3::zeros());
+            let linear = linear_step(pixels, place)?;
+            let mut chi2 = 0.0;
+            for (x, gray) in pixels {
+                let y = (x - place) / BLUR_PX;
+                let row = nalgebra::Vector3::new(1.0, blur::step(y), -linear[1] * blur::density(y) / BLUR_PX);
+                let rest = gray - linear[0] - linear[1] * blur::step(y);
+                h += row * row.transpose();
+                g += row * rest;
+                chi2 += rest * rest;
+            }
+            h[(2, 2)] += 1.0;
+            let inverse = h.try_inverse()?;
+            let delta = (inverse * g)[2].clamp(-0.8, 0.8);
+            place += delta;
+            let noise2 = (chi2 / (pixels.len() as f64 - 3.0).max(1.0)).max(0.5);
+            found = Some((inverse[(2, 2)] * noise2, linear[1], noise2.sqrt()));
+            if delta.abs() < 5e-3 || place.abs() > MOST_STEP_PX {
+                break;
+            }
+        }
+        let Some((variance, step, noise)) = found else { continue };
+        let fine = place.abs() < MOST_STEP_PX && variance < 0.25 && step.abs() > 3.0 * noise;
+        if fine && best.is_none_or(|b| noise < b.3) {
+            best = Some((place, variance, step, noise));
+        }
+    }
+    best
+}
+
+/// Level and step by least squares for a place.
+fn linear_step(pixels: &[(f64, f64)], place: f64) -> Option<[f64; 2]> {
+    let (mut h, mut g) = (Matrix2::zeros(), Vector2::zeros());
+    for (x, gray) in pixels {
+        let row = Vector2::new(1.0, blur::step((x - place) / BLUR_PX));
+        h += row * row.transpose();
+        g += row * *gray;
+    }
+    h[(0, 0)] += 1e-9;
+    h[(1, 1)] += 1e-3;
+    let solved = h.try_inverse()? * g;
+    Some([solved[0], solved[1]])
+}

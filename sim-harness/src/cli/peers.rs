@@ -1,0 +1,131 @@
+//! `sim-harness peers`: how well robots are found, measured and named in rendered pictures.
+
+use std::fmt::Write;
+use std::path::PathBuf;
+
+use clap::Args;
+use indicatif::ProgressBar;
+
+use super::record::Format;
+use crate::peers::{self, Plan, Report, statistics};
+use crate::scenario::{CameraSpec, Scenario};
+
+/// Arguments of `peers`.
+#[derive(Debug, Clone, Args)]
+pub struct PeersArgs {
+    /// Pictures in all
+    #[arg(long, default_value_t = 10_000, value_parser = clap::value_parser!(u32).range(1..=10_000_000))]
+    pictures: u32,
+    /// Pictures of each layout, 10 a second
+    #[arg(long, default_value_t = 10, value_parser = clap::value_parser!(u32).range(1..=100))]
+    per_layout: u32,
+    /// Of the first layout; each has the next
+    #[arg(long, default_value_t = 0)]
+    seed: u64,
+    /// The camera of this scenario instead of the reference design: a file, or the name of one inside the program
+    #[arg(long, value_name = "SCENARIO")]
+    camera_of: Option<PathBuf>,
+    /// Threads
+    #[arg(long, default_value_t = 2, value_parser = clap::value_parser!(u32).range(1..=64))]
+    threads: u32,
+    /// Writes report.json, table.txt and faults.txt there
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
+    /// How to report
+    #[arg(long, value_enum, default_value_t = Format::Text)]
+    format: Format,
+}
+
+/// Does it; gives the exit code.
+#[allow(clippy::print_stderr)]
+pub fn run(args: &PeersArgs) -> u8 {
+    match work(args) {
+        Ok(text) => {
+            println!("{}", text.trim_end());
+            0
+        }
+        Err(error) => {
+            eprintln!("sim-harness peers: {error}");
+            1
+        }
+    }
+}
+
+fn work(args: &PeersArgs) -> Result<String, String> {
+    let layouts = args.pictures.div_ceil(args.per_layout) as usize;
+    let camera = match &args.camera_of {
+        Some(path) => Scenario::load(path).map_err(|e| e.to_string())?.camera,
+        None => CameraSpec::default(),
+    };
+    let plan =
+        Plan { layouts, pictures: args.per_layout as usize, seed: args.seed, threads: args.threads as usize, camera };
+    let bar = ProgressBar::new(layouts as u64);
+    let outcomes = peers::run(&plan, &|| bar.inc(1)).map_err(|e| e.to_string())?;
+    bar.finish_and_clear();
+    let report = statistics::report(&outcomes);
+    let json = serde_json::to_string_pretty(&report).map_err(|e| e.to_string())?;
+    let text = table(&report);
+    if let Some(out) = &args.out {
+        let faults: Vec<String> =
+            report.faults.iter().map(|f| format!("seed {} picture {}: {}", f.seed, f.picture, f.what)).collect();
+        std::fs::create_dir_all(out).map_err(|e| format!("{}: {e}", out.display()))?;
+        for (name, text) in [("report.json", &json), ("table.txt", &text), ("faults.txt", &faults.join("\n"))] {
+            let path = out.join(name);
+            std::fs::write(&path, text).map_err(|e| format!("{}: {e}", path.display()))?;
+        }
+    }
+    Ok(match args.format {
+        Format::Text => text,
+        Format::Json => json,
+    })
+}
+
+pub(crate) fn table(report: &Report) -> String {
+    let mut text = format!(
+        "{} pictures of {} layouts from seed {}, {} sightings, {:.1} ms a picture\n\n  marker       range m   found of half seen   bearing mrad    range %         NEES   heading         named\n                                              bias   rms      bias   rms             °  NEES         right wrong\n",
+        report.pictures,
+        report.layouts,
+        report.seed,
+        report.sightings,
+        report.detector_us * 1e-3
+    );
+    for c in &report.cells {
+        let _ = writeln!(
+            text,
+            "  {:<11} {:.1}–{:.1} {:>7}/{:<6} {:>5.1} %  {:>6.2} {:>5.2}   {:>6.2} {:>5.2}   {:>6.2}  {:>6.1} {:>5.2} {:>6}  {:>5} {:>4}",
+            c.marker,
+            c.range_m[0],
+            c.range_m[1],
+            c.half_seen.found,
+            c.half_seen.shown,
+            100.0 * c.half_seen.rate(),
+            c.bearing_mrad[0],
+            c.bearing_mrad[1],
+            c.range_percent[0],
+            c.range_percent[1],
+            c.nees,
+            c.heading_deg,
+            c.heading_nees,
+            c.headings,
+            c.named[0],
+            c.named[1]
+        );
+    }
+    text.push_str("\n  detection where at least half is unhidden:");
+    for (marker, share) in &report.detection {
+        let _ = write!(text, "  {marker} {:.2} % of {}", 100.0 * share.rate(), share.shown);
+    }
+    let _ = writeln!(
+        text,
+        "\n  sightings beyond 4 σ of every robot: {} ({} where no robot is)\n\n  range over a second of standing   robots   bias     rms",
+        report.beyond_four_sigma, report.without_robot
+    );
+    for b in &report.baseline {
+        let _ = writeln!(
+            text,
+            "  {:.1}–{:.1} m {:>31} {:>+7.2} % {:>6.2} %",
+            b.range_m[0], b.range_m[1], b.robots, b.bias_percent, b.rms_percent
+        );
+    }
+    text
+}

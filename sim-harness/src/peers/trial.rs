@@ -1,0 +1,172 @@
+//! One layout: what there was to see in each picture, and what was sighted.
+
+use std::f64::consts::TAU;
+use std::sync::Arc;
+use std::time::Instant;
+
+use protocol::id::RobotId;
+use robot_agent::optics::MountedCamera;
+use robot_agent::panorama::{Lut, PanoramaGeometry};
+use robot_agent::peers::{Grid, Peer, PeerDetector};
+
+use super::{Outcome, layout};
+use crate::render::Renderer;
+use crate::render::rays::Rays;
+use crate::scenario::{CameraSpec, WearSpec};
+use crate::world::RobotState;
+
+/// Between two pictures.
+const PERIOD_S: f64 = 0.1;
+
+/// A camera from both sides: traced, and as the agent has it.
+pub struct Eyes {
+    spec: CameraSpec,
+    rays: Arc<Rays>,
+    camera: MountedCamera,
+    geometry: PanoramaGeometry,
+    lut: Lut,
+    grid: Grid,
+}
+
+impl Eyes {
+    /// From its parts.
+    pub fn new(spec: &CameraSpec, rays: Rays, camera: MountedCamera, geometry: PanoramaGeometry, grid: Grid) -> Self {
+        let lut = Lut::panorama(&camera, &geometry);
+        Self { spec: spec.clone(), rays: Arc::new(rays), camera, geometry, lut, grid }
+    }
+}
+
+/// Kinds of marker that figures are kept apart of.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Kind {
+    /// Rings.
+    Cylinder,
+    /// Equal bars.
+    Bars,
+    /// Bars that say who it is.
+    CodedBars,
+    /// A plate.
+    Rectangle,
+}
+
+/// A robot as it could be seen in one picture.
+#[derive(Debug, Clone, Copy)]
+pub struct View {
+    /// Who.
+    pub robot: RobotId,
+    /// What it wears.
+    pub kind: Kind,
+    /// Truth, in the observer's body frame.
+    pub bearing_rad: f64,
+    /// Truth.
+    pub range_m: f64,
+    /// Its heading minus the observer's.
+    pub heading_rad: f64,
+    /// Angle between the marker's front and the line to the observer, 0 … π.
+    pub turn_rad: f64,
+    /// Unhidden share of the part with the marker, and its pixels if nothing hid it.
+    pub visible: f64,
+    /// See `visible`.
+    pub pixels: u32,
+}
+
+/// What the detector said.
+#[derive(Debug, Clone)]
+pub struct Sighting {
+    /// As it came.
+    pub peer: Peer,
+    /// Which view it is of, by place in the picture's list.
+    pub view: Option<usize>,
+}
+
+/// Renders a layout's pictures and looks for robots in them.
+pub fn look(eyes: &Eyes, seed: u64, pictures: usize) -> Outcome {
+    let mut outcome = Outcome { seed, views: Vec::new(), sightings: Vec::new(), detector_us: 0.0 };
+    let Some((scenario, world)) = layout::draw(&eyes.spec, seed, PERIOD_S * pictures as f64) else { return outcome };
+    let world = Arc::new(world);
+    let mut renderer = Renderer::of_first(&world, &eyes.rays);
+    let mut fellows: Vec<(Option<RobotId>, protocol::marker::Marker)> =
+        scenario.robot_ids().iter().skip(1).map(|id| (Some(*id), scenario.marker_of(id))).collect();
+    // The team has fellows with other codes elsewhere: the detector must not take one for another.
+    for (n, wear) in layout::codes().iter().enumerate() {
+        let marker = wear.marker();
+        if fellows.iter().all(|(_, m)| *m != marker) {
+            fellows.push((RobotId::new(&format!("away{n}")).ok(), marker));
+        }
+    }
+    let mut detector = PeerDetector::for_team(&eyes.camera, eyes.grid, &fellows);
+    let mut panorama = vec![0; eyes.geometry.pixels()];
+    let first = world.at(0.0);
+    let mut spent_us = 0.0;
+    for n in 0..pictures {
+        let time_s = PERIOD_S * n as f64;
+        let presence = renderer.presence(time_s);
+        let picture = renderer.render(time_s);
+        let views: Vec<View> = (1..world.robots().len())
+            .map(|n| {
+                let id = world.robots()[n].id;
+                view(&first.robots[0], &first.robots[n], kind(&scenario.robots.wear_of(&id)), &presence[n])
+            })
+            .collect();
+        if eyes.lut.unwarp(&picture.gray, &mut panorama).is_err() {
+            continue;
+        }
+        let start = Instant::now();
+        let peers = detector.detect(&picture.gray, &panorama);
+        spent_us += start.elapsed().as_secs_f64() * 1e6;
+        outcome.sightings.push(matched(peers, &views));
+        outcome.views.push(views);
+    }
+    outcome.detector_us = spent_us / pictures.max(1) as f64;
+    outcome
+}
+
+fn kind(wear: &WearSpec) -> Kind {
+    match wear {
+        WearSpec::Rings => Kind::Cylinder,
+        WearSpec::Bars { code: None, .. } => Kind::Bars,
+        WearSpec::Bars { .. } => Kind::CodedBars,
+        WearSpec::Plate { .. } => Kind::Rectangle,
+    }
+}
+
+fn view(observer: &RobotState, robot: &RobotState, kind: Kind, presence: &crate::render::presence::Presence) -> View {
+    let (dx, dy) = (robot.x_m - observer.x_m, robot.y_m - observer.y_m);
+    let azimuth = dy.atan2(dx);
+    View {
+        robot: robot.id,
+        kind,
+        bearing_rad: turned(azimuth - observer.heading_rad),
+        range_m: dx.hypot(dy),
+        heading_rad: turned(robot.heading_rad - observer.heading_rad),
+        turn_rad: turned(azimuth + 0.5 * TAU - robot.heading_rad).abs(),
+        visible: presence.visible(),
+        pixels: presence.alone,
+    }
+}
+
+/// An angle in −π … π.
+pub(super) fn turned(angle: f64) -> f64 {
+    angle - TAU * (angle / TAU).round()
+}
+
+/// Each sighting belongs to the robot that it is nearest to on the floor, if it is near at all and nobody else has it.
+fn matched(peers: Vec<Peer>, views: &[View]) -> Vec<Sighting> {
+    let mut taken = vec![false; views.len()];
+    peers
+        .into_iter()
+        .map(|peer| {
+            let apart = |v: &View| {
+                let side = 2.0 * (0.5 * turned(v.bearing_rad - peer.bearing_rad)).sin();
+                ((v.range_m - peer.range_m).powi(2) + v.range_m * peer.range_m * side * side).sqrt()
+            };
+            let near = (0..views.len())
+                .filter(|n| !taken[*n] && apart(&views[*n]) < 0.2 + 0.05 * views[*n].range_m)
+                .min_by(|a, b| apart(&views[*a]).total_cmp(&apart(&views[*b])));
+            if let Some(n) = near {
+                taken[n] = true;
+            }
+            Sighting { peer, view: near }
+        })
+        .collect()
+}
