@@ -64,6 +64,8 @@ const WORST_EDGE_PX: f64 = 0.5;
 const STRONG_SUPPORT: f64 = 0.55;
 const NEAR_M: f64 = 2.2;
 const RETRY_RANGES: [f64; 4] = [0.95, 1.05, 0.9, 1.1];
+/// Two ring edges are in view from here on for a camera at 0.6 m; nearer, a body's upper end and one outline must do.
+const RIM_FARTHEST_M: f64 = 1.0;
 /// A lone outline has nothing to contradict it: it may be half somebody else's. Pixels, beside noise and floor.
 const LONE_EDGE_PX: f64 = 0.12;
 /// What is added on a body with bars: light and the bars next to the outline are hard to tell apart there. From 40 rooms: 0.25 px
@@ -327,8 +329,8 @@ impl CylinderFinder {
             || rings.bend[1] > doubt.bend
             || (seen < 2 && !is_round(rings))
             || rings.bend[0] < FLATTEST
-            // A curve alone is soon found: only with both outlines where it puts them is it a robot's.
-            || (rings.is_rim && seen < 2)
+            // From here on rings are in view: a curve with one outline is something else.
+            || (rings.is_rim && seen < 2 && body.range_m > RIM_FARTHEST_M)
             || (seen == 0 && (rings.edges_seen < 2 || rings.visible < 0.5))
             || body.range_m > FARTHEST_M
         {
