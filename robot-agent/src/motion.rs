@@ -691,7 +691,8 @@ impl MotionStage {
                 for offset in 0..patch.arc.width {
                     let column = self.raster.column(patch.arc.start, offset);
                     if self.solid.is_marked(column, row) {
-                        self.background.absorb(&self.picture, row * self.raster.width + column, 1);
+                        let i = row * self.raster.width + column;
+                        self.background.absorb(i, self.picture[i]);
                     }
                 }
             }

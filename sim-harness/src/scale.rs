@@ -10,7 +10,7 @@
 
 pub mod leader;
 pub mod room;
-mod sender;
+pub mod sender;
 
 use std::io::{BufRead, BufReader, Write};
 use std::process::{Child, Command, Stdio};

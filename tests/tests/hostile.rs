@@ -1,11 +1,11 @@
 //! A robot with a valid certificate that lies: it can neither stop the leader nor move the others.
 
 use protocol::id::RobotId;
-use protocol::marker::Marker;
-use protocol::message::{Announcement, CameraSummary, MapStatus, Observation, TeamMap};
+use protocol::message::{MapStatus, Observation, TeamMap};
 use protocol::quantity::Angle16;
 use protocol::time::Timestamp;
-use sim_harness::scale::room::{CAMERA_M, CYLINDER_M, RADIUS_M, Room};
+use sim_harness::scale::room::Room;
+use sim_harness::scale::sender::announcement;
 use team_leader::leader::{Input, Leader, LeaderCoreConfig, Output};
 
 const START: Timestamp = Timestamp(1_800_000_000_000_000_000);
@@ -103,7 +103,7 @@ fn last_map(robots: usize, length_s: u64, people: bool, lie: impl Fn(&mut Observ
     let ids: Vec<RobotId> = (0..robots).map(|n| RobotId::new(&format!("r{n}")).unwrap()).collect();
     for (n, robot) in ids.iter().enumerate() {
         leader.handle(START, Input::RobotAlive(*robot), &mut out);
-        leader.handle(START, Input::Announcement(announcement(*robot, n as u64 + 1)), &mut out);
+        leader.handle(START, Input::Announcement(announcement(*robot, n as u64 + 1, 10.0)), &mut out);
     }
     let mut rooms: Vec<Room> = (0..4).map(|_| Room::new(0, 7)).collect();
     for frame in 0..length_s * 10 {
@@ -156,17 +156,4 @@ fn moved(honest: &TeamMap, lied: &TeamMap) -> f64 {
         }
     }
     worst
-}
-
-fn announcement(robot: RobotId, epoch: u64) -> Announcement {
-    let camera = CameraSummary {
-        model: "pal".to_owned(),
-        height_m: CAMERA_M,
-        height_sigma_m: 0.0,
-        tilt_sigma_rad: 0.0,
-        elevation_rad: [-0.26, 0.35],
-        frame_rate_hz: 10.0,
-    };
-    let marker = Marker::Cylinder { radius_m: RADIUS_M, height_m: CYLINDER_M, look: None };
-    Announcement { robot, epoch, host: "h".to_owned(), version: "0.1.0".to_owned(), marker, camera }
 }

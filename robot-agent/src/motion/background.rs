@@ -257,24 +257,22 @@ impl Background {
         }
     }
 
-    /// Take the picture's levels for `len` pixels from index `start`: what stood there has left. What was the background for long
-    /// stays known: what was taken for its ghost was a shadow then, and goes again.
-    pub(super) fn absorb(&mut self, picture: &[u8], start: usize, len: usize) {
-        for (i, &gray) in picture.iter().enumerate().skip(start).take(len) {
-            if let Some(seen) = self.seen.get_mut(i) {
-                let known = 1 << (i % LOOKS);
-                if *seen >= LONG_SEEN {
-                    (self.second[i], self.seen_second[i]) = (self.level[i], LONG_SEEN);
-                    self.known[i / LOOKS] |= known;
-                    self.any_known = true;
-                } else {
-                    self.seen_second[i] = 0;
-                    self.known[i / LOOKS] &= !known;
-                }
-                *seen = (*seen).max(GHOST_SEEN);
+    /// Take the gray level of pixel `i`: what stood there has left. What was the background for long stays known: what was taken
+    /// for its ghost was a shadow then, and goes again.
+    pub(super) fn absorb(&mut self, i: usize, gray: u8) {
+        if let Some(seen) = self.seen.get_mut(i) {
+            let known = 1 << (i % LOOKS);
+            if *seen >= LONG_SEEN {
+                (self.second[i], self.seen_second[i]) = (self.level[i], LONG_SEEN);
+                self.known[i / LOOKS] |= known;
+                self.any_known = true;
+            } else {
+                self.seen_second[i] = 0;
+                self.known[i / LOOKS] &= !known;
             }
-            self.level[i] = u16::from(gray) << 8;
+            *seen = (*seen).max(GHOST_SEEN);
         }
+        self.level[i] = u16::from(gray) << 8;
     }
 }
 

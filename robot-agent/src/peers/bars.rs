@@ -289,9 +289,7 @@ fn columns(samples: &[Sample], look: &CylinderLook, rings: &RingFit, hidden: &[[
         if met.sine.abs() > MOST_SINE {
             continue;
         }
-        let slope = f64::from(sample.ray.slope);
-        let m_per_px = met.distance_m * (1.0 + slope * slope) / f64::from(sample.ray.px_per_elevation);
-        let blur_m = rings.blur_px * m_per_px;
+        let blur_m = rings.blur_px * sample.ray.m_per_px(met.distance_m);
         let height = met.height_m + rings.lower_m;
         if height < look.low_m() + 2.0 * blur_m || height > look.high_m() - 2.0 * blur_m {
             continue;

@@ -160,9 +160,7 @@ fn select(
         if inside_px < -OUTSIDE_PX || inside_px > INSIDE_PX.min(half_px) {
             continue;
         }
-        let slope = f64::from(sample.ray.slope);
-        let px_per_elevation = f64::from(sample.ray.px_per_elevation);
-        let blur_m = rings.blur_px * met.distance_m * (1.0 + slope * slope) / px_per_elevation;
+        let blur_m = rings.blur_px * sample.ray.m_per_px(met.distance_m);
         let height = met.height_m + rings.lower_m;
         if height < look.low_m() + MARGIN * blur_m || height > look.high_m() - MARGIN * blur_m {
             continue;
@@ -173,7 +171,7 @@ fn select(
             let aside = met.aside_rad.clamp(-cylinder.outline_rad, cylinder.outline_rad);
             ring = middle + (ring - middle) * bars.at(aside, rings.blur_px / px_per_rad);
         }
-        places.push(slope.atan() * px_per_elevation);
+        places.push(sample.ray.elevation_px());
         pixels.push(Pixel { gray: sample.gray, row: 0, inside_rad, px_per_rad, half_px, ring });
     }
     (pixels, places)

@@ -275,8 +275,7 @@ fn about(samples: &[Sample], look: &CylinderLook, at: (f64, f64)) -> Vec<Sample>
     let cylinder = Cylinder::new(at.0, at.1, look.radius_m);
     let is_about = |sample: &&Sample| {
         let met = cylinder.meet(&sample.ray);
-        let slope = f64::from(sample.ray.slope);
-        let m_per_px = met.distance_m * (1.0 + slope * slope) / f64::from(sample.ray.px_per_elevation);
+        let m_per_px = sample.ray.m_per_px(met.distance_m);
         met.sine.abs() < 1.2 && ((met.height_m - look.high_m()) / m_per_px).abs() < MOST_WAY_PX
     };
     samples.iter().filter(is_about).copied().collect()
@@ -302,8 +301,7 @@ fn crossings(
         if met.sine.abs() > FITTED_SINE {
             continue;
         }
-        let slope = f64::from(sample.ray.slope);
-        let m_per_px = met.distance_m * (1.0 + slope * slope) / f64::from(sample.ray.px_per_elevation);
+        let m_per_px = sample.ray.m_per_px(met.distance_m);
         let higher_px = (met.height_m - look.high_m()) / m_per_px;
         if !(-REACH_PX[1]..=REACH_PX[0]).contains(&higher_px) {
             continue;

@@ -295,8 +295,7 @@ impl PlateFinder {
                 continue;
             }
             let (distance, height) = plane.meet(&sample.ray);
-            let slope = f64::from(sample.ray.slope);
-            let m_per_px = distance * (1.0 + slope * slope) / f64::from(sample.ray.px_per_elevation);
+            let m_per_px = sample.ray.m_per_px(distance);
             let height_m = height + plane.lower_m;
             let margin = 2.4 * BLUR_PX * m_per_px;
             if height_m < look.low_m() + margin || height_m > look.high_m() - margin {
@@ -456,9 +455,7 @@ impl PlateFinder {
                 continue;
             }
             let (distance, height) = fit.plane.meet(&sample.ray);
-            let slope = f64::from(sample.ray.slope);
-            let px_per_elevation = f64::from(sample.ray.px_per_elevation);
-            let blur_m = BLUR_PX * distance * (1.0 + slope * slope) / px_per_elevation;
+            let blur_m = BLUR_PX * sample.ray.m_per_px(distance);
             let height = height + fit.plane.lower_m;
             if height < look.low_m() + 2.0 * blur_m || height > look.high_m() - 2.0 * blur_m {
                 continue;
@@ -473,7 +470,7 @@ impl PlateFinder {
                 half_px: BESIDE_PX,
                 ring: middle + fit.sign * (ring - middle),
             });
-            places.push(slope.atan() * px_per_elevation);
+            places.push(sample.ray.elevation_px());
         }
         let edge = edges::fit_rows(pixels, &places, (fit.noise, BLUR_PX), &[-3.0, -1.5, 0.0, 1.5, 3.0])?;
         let fine = edge.rows >= 2 && edge.agreement >= 0.5 && edge.sigma_rad * edge.px_per_rad < 0.5;

@@ -26,6 +26,19 @@ pub struct PixelRay {
     pub px_per_elevation: f32,
 }
 
+impl PixelRay {
+    /// Height of one pixel on an upright surface `distance_m` away along the floor, metres.
+    pub fn m_per_px(&self, distance_m: f64) -> f64 {
+        let slope = f64::from(self.slope);
+        distance_m * (1.0 + slope * slope) / f64::from(self.px_per_elevation)
+    }
+
+    /// Its elevation at its own scale, pixels: which row of a small patch it is in.
+    pub fn elevation_px(&self) -> f64 {
+        f64::from(self.slope).atan() * f64::from(self.px_per_elevation)
+    }
+}
+
 /// One pixel of a patch: its gray value beside its ray.
 #[derive(Debug, Clone, Copy)]
 pub struct Sample {

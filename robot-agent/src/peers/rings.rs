@@ -308,8 +308,7 @@ fn select(
         if inside_px < MARGIN * BLUR_PX || met.sine.abs() > 0.93 {
             continue;
         }
-        let slope = f64::from(sample.ray.slope);
-        let m_per_px = met.distance_m * (1.0 + slope * slope) / f64::from(sample.ray.px_per_elevation);
+        let m_per_px = sample.ray.m_per_px(met.distance_m);
         let height = met.height_m + state.lower_m;
         let margin = MARGIN * BLUR_PX * m_per_px;
         if height < look.low_m() + margin || height > look.high_m() - margin {
@@ -368,8 +367,7 @@ fn accumulate(
     for pixel in pixels {
         let sample = &samples[pixel.sample];
         let met = body.meet(&sample.ray);
-        let slope = f64::from(sample.ray.slope);
-        let m_per_px = met.distance_m * (1.0 + slope * slope) / f64::from(sample.ray.px_per_elevation);
+        let m_per_px = sample.ray.m_per_px(met.distance_m);
         let height = met.height_m + state.lower_m;
         let (value, by_height, by_blur) =
             profile_slopes(look, &state.reflectance, height, blur_px * m_per_px, &mut by_ring);
@@ -380,7 +378,7 @@ fn accumulate(
         row[4] = by_height;
         row[5] = by_blur * m_per_px;
         // A stronger bend about the nearest line, which itself stays.
-        row[6] = by_height * slope * (met.distance_m - state.near_m);
+        row[6] = by_height * f64::from(sample.ray.slope) * (met.distance_m - state.near_m);
         row[7..7 + rings].copy_from_slice(&by_ring[..rings]);
         row[2 + m] = sample.gray;
         let gram = &mut grams[pixel.column];

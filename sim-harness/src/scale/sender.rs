@@ -52,7 +52,7 @@ pub async fn start(
     let health = transport.publish::<Health>(key(RobotTopic::Health)).await.map_err(failed)?;
     let mut probes = transport.answer::<ClockProbe>(key(RobotTopic::Clock)).await.map_err(failed)?;
     let alive = transport.declare_alive(key(RobotTopic::Alive)).await.map_err(failed)?;
-    announcement.put(&who(robot, epoch, rate_hz)).map_err(failed)?;
+    announcement.put(&self::announcement(robot, epoch, rate_hz)).map_err(failed)?;
     Ok(tokio::spawn(async move {
         let clock = Clock::system();
         let mut frames = tokio::time::interval(Duration::from_secs_f64(1.0 / rate_hz));
@@ -89,7 +89,8 @@ pub async fn start(
     }))
 }
 
-fn who(robot: RobotId, epoch: u64, frame_rate_hz: f64) -> Announcement {
+/// What such a robot says of itself.
+pub fn announcement(robot: RobotId, epoch: u64, frame_rate_hz: f64) -> Announcement {
     let camera = CameraSummary {
         model: "pal".to_owned(),
         height_m: CAMERA_M,
