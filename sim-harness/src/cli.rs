@@ -5,6 +5,7 @@ pub mod bench;
 pub mod chaos;
 pub mod demo;
 pub mod efficiency;
+pub mod guidance;
 pub mod motion;
 pub mod peers;
 pub mod record;

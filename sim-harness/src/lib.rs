@@ -5,6 +5,7 @@ pub mod bench;
 pub mod chaos;
 pub mod cli;
 pub mod efficiency;
+pub mod guidance;
 pub mod motion;
 pub mod network;
 pub mod peers;

@@ -4,7 +4,7 @@ use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
 use sim_harness::cli::{
-    bandwidth, bench, chaos, demo, efficiency, motion, peers, record, replay, run, scale, score, zoo,
+    bandwidth, bench, chaos, demo, efficiency, guidance, motion, peers, record, replay, run, scale, score, zoo,
 };
 
 #[derive(Debug, Parser)]
@@ -32,6 +32,8 @@ enum Command {
     Bandwidth(bandwidth::BandwidthArgs),
     /// Mutual calibration and stereo against the Cramér–Rao bound, by Monte Carlo
     Efficiency(efficiency::EfficiencyArgs),
+    /// Robots go where the leader says: expected and achieved errors of the targets
+    Guidance(guidance::GuidanceArgs),
     /// Fellow robots in rendered pictures of rooms drawn anew: found, measured, named, against truth
     Peers(peers::PeersArgs),
     /// Masks and tracks against truth: F, recall, precision; MOTA, IDF1, identity switches
@@ -65,6 +67,7 @@ fn main() -> ExitCode {
         Some(Command::Replay(args)) => replay::run(&args),
         Some(Command::Bandwidth(args)) => bandwidth::run(&args),
         Some(Command::Efficiency(args)) => efficiency::run(&args),
+        Some(Command::Guidance(args)) => guidance::run(&args),
         Some(Command::Peers(args)) => peers::run(&args),
         Some(Command::Score(args)) => score::run(&args),
         Some(Command::Scale(args)) => scale::run(&args),

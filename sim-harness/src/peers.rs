@@ -2,8 +2,9 @@
 //!
 //! Every layout is a room of its own ([`layout`]); one robot looks about in it for a second. The renderer's book of what each
 //! pixel shows says how much of a robot could be seen; positions are known exactly ([`trial`]). Figures are by marker and
-//! range ([`statistics`]).
+//! range ([`statistics`]), and by what stands before a robot ([`hidden`]).
 
+pub mod hidden;
 pub mod layout;
 pub mod statistics;
 pub mod trial;
@@ -30,6 +31,8 @@ pub struct Plan {
     pub seed: u64,
     /// Threads.
     pub threads: usize,
+    /// Whether there are any robots to see: without, every sighting is a false one.
+    pub robots: bool,
     /// Of the robot that looks.
     pub camera: CameraSpec,
 }
@@ -71,7 +74,7 @@ pub fn run(plan: &Plan, each: &(dyn Fn() + Sync)) -> Result<Vec<Outcome>, PeersE
                 if n >= plan.layouts {
                     return done;
                 }
-                done.push((n, trial::look(&eyes, plan.seed + n as u64, plan.pictures)));
+                done.push((n, trial::look(&eyes, plan.seed + n as u64, plan.pictures, plan.robots)));
                 each();
             }
         };

@@ -1,5 +1,6 @@
 //! Offline: poses and targets from bearings in a file, jointly or by the report's closed forms.
 
+pub mod bars;
 pub mod closed_form;
 mod conclusion;
 pub mod explain;
@@ -95,6 +96,17 @@ pub fn solve_and_explain(problem: Problem) -> Solution {
 
 fn solve_and(mut problem: Problem, explain: impl Fn(&Stage, &Problem) -> Vec<explain::Explained>) -> Solution {
     let naming = start::name_sightings(&mut problem);
+    let said = bars::number_sightings(&mut problem);
+    let mut solution = solve_named(problem, naming, explain);
+    solution.warnings.splice(0..0, said);
+    solution
+}
+
+fn solve_named(
+    mut problem: Problem,
+    naming: MapStatus,
+    explain: impl Fn(&Stage, &Problem) -> Vec<explain::Explained>,
+) -> Solution {
     problem.split_by_time();
     let held = held_poses(&problem);
     let unsolved = |problem: &Problem| {

@@ -9,6 +9,7 @@ use std::f64::consts::TAU;
 
 use super::kernel::{self, Band};
 use super::look::CylinderLook;
+use super::near::Rim;
 use crate::panorama::{PanoramaGeometry, Projection};
 
 /// Nearest and farthest range, metres, and the step between ranges.
@@ -70,8 +71,8 @@ pub struct Candidate {
     pub seen_rad: [f64; 2],
     /// Measured in the last frame: the place is right to a fraction of a pixel if the robot still stands.
     pub known: bool,
-    /// Found by the marker's upper end alone.
-    pub is_near: bool,
+    /// Found by the marker's upper end alone, which looks so.
+    pub rim: Option<Rim>,
 }
 
 #[derive(Debug)]
@@ -196,7 +197,7 @@ impl Search {
             support: f64::from(support),
             seen_rad: [bearing((u as i64 + last) as f64), bearing((u as i64 + first) as f64)],
             known: false,
-            is_near: false,
+            rim: None,
         }
     }
 }

@@ -25,6 +25,9 @@ pub struct PeersArgs {
     /// The camera of this scenario instead of the reference design: a file, or the name of one inside the program
     #[arg(long, value_name = "SCENARIO")]
     camera_of: Option<PathBuf>,
+    /// Rooms without any robot to see: every sighting is a false one
+    #[arg(long)]
+    without_robots: bool,
     /// Threads
     #[arg(long, default_value_t = 2, value_parser = clap::value_parser!(u32).range(1..=64))]
     threads: u32,
@@ -44,34 +47,53 @@ pub fn run(args: &PeersArgs) -> u8 {
             println!("{}", text.trim_end());
             0
         }
-        Err(error) => {
-            eprintln!("sim-harness peers: {error}");
-            1
+        Err(failure) => {
+            eprintln!("sim-harness peers: {}", failure.why);
+            failure.exit_code
         }
     }
 }
 
-fn work(args: &PeersArgs) -> Result<String, String> {
+/// Exit codes are 2 for what the user gave and 1 for what failed.
+struct Failure {
+    why: String,
+    exit_code: u8,
+}
+
+impl Failure {
+    fn of(exit_code: u8) -> impl Fn(&dyn std::fmt::Display) -> Self {
+        move |why| Self { why: why.to_string(), exit_code }
+    }
+}
+
+fn work(args: &PeersArgs) -> Result<String, Failure> {
+    let (usage, failed) = (Failure::of(2), Failure::of(1));
     let layouts = args.pictures.div_ceil(args.per_layout) as usize;
     let camera = match &args.camera_of {
-        Some(path) => Scenario::load(path).map_err(|e| e.to_string())?.camera,
+        Some(path) => Scenario::load(path).map_err(|e| usage(&e))?.camera,
         None => CameraSpec::default(),
     };
-    let plan =
-        Plan { layouts, pictures: args.per_layout as usize, seed: args.seed, threads: args.threads as usize, camera };
+    let plan = Plan {
+        layouts,
+        pictures: args.per_layout as usize,
+        seed: args.seed,
+        threads: args.threads as usize,
+        robots: !args.without_robots,
+        camera,
+    };
     let bar = ProgressBar::new(layouts as u64);
-    let outcomes = peers::run(&plan, &|| bar.inc(1)).map_err(|e| e.to_string())?;
+    let outcomes = peers::run(&plan, &|| bar.inc(1)).map_err(|e| usage(&e))?;
     bar.finish_and_clear();
     let report = statistics::report(&outcomes);
-    let json = serde_json::to_string_pretty(&report).map_err(|e| e.to_string())?;
+    let json = serde_json::to_string_pretty(&report).map_err(|e| failed(&e))?;
     let text = table(&report);
     if let Some(out) = &args.out {
         let faults: Vec<String> =
             report.faults.iter().map(|f| format!("seed {} picture {}: {}", f.seed, f.picture, f.what)).collect();
-        std::fs::create_dir_all(out).map_err(|e| format!("{}: {e}", out.display()))?;
+        std::fs::create_dir_all(out).map_err(|e| failed(&format_args!("{}: {e}", out.display())))?;
         for (name, text) in [("report.json", &json), ("table.txt", &text), ("faults.txt", &faults.join("\n"))] {
             let path = out.join(name);
-            std::fs::write(&path, text).map_err(|e| format!("{}: {e}", path.display()))?;
+            std::fs::write(&path, text).map_err(|e| failed(&format_args!("{}: {e}", path.display())))?;
         }
     }
     Ok(match args.format {
@@ -117,9 +139,23 @@ pub(crate) fn table(report: &Report) -> String {
     }
     let _ = writeln!(
         text,
-        "\n  sightings beyond 4 σ of every robot: {} ({} where no robot is)\n\n  range over a second of standing   robots   bias     rms",
+        "\n  sightings beyond 4 σ of every robot: {} ({} where no robot is)\n\n  before it   unhidden      found of shown   beyond 4 σ   NEES",
         report.beyond_four_sigma, report.without_robot
     );
+    for h in &report.hidden {
+        let _ = writeln!(
+            text,
+            "  {:<10} {:>3.0}–{:<3.0} % {:>9}/{:<6} {:>10} {:>8.2}",
+            h.before,
+            100.0 * h.visible[0],
+            100.0 * h.visible[1],
+            h.found,
+            h.shown,
+            h.beyond_four_sigma,
+            h.nees
+        );
+    }
+    let _ = writeln!(text, "\n  range over a second of standing   robots   bias     rms");
     for b in &report.baseline {
         let _ = writeln!(
             text,

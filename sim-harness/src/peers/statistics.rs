@@ -5,6 +5,7 @@ use std::collections::BTreeMap;
 use serde::Serialize;
 
 use super::Outcome;
+use super::hidden::{self, Hidden};
 use super::trial::{Kind, Sighting, View, turned};
 
 /// Bounds of the bins of range, metres.
@@ -14,7 +15,7 @@ const LEAST_VISIBLE: f64 = 0.5;
 /// A plate turned further than this from or towards the edge-on view is not asked for: 60°.
 const MOST_TURN_RAD: f64 = std::f64::consts::FRAC_PI_3;
 /// χ² of two numbers that is exceeded as often as 4 σ of one (6.3 in 100,000).
-const FOUR_SIGMA: f64 = 19.33;
+pub(super) const FOUR_SIGMA: f64 = 19.33;
 /// Pictures in which a robot must be found for its baseline to count.
 const LEAST_PICTURES: usize = 5;
 
@@ -37,6 +38,8 @@ pub struct Report {
     pub beyond_four_sigma: usize,
     /// Of those, sightings where there is no robot at all.
     pub without_robot: usize,
+    /// By what stands before a robot.
+    pub hidden: Vec<Hidden>,
     /// Range over a second of standing, by range.
     pub baseline: Vec<Baseline>,
     /// Mean time of the detector.
@@ -146,6 +149,7 @@ pub fn report(outcomes: &[Outcome]) -> Report {
         detection: BTreeMap::new(),
         beyond_four_sigma: 0,
         without_robot: 0,
+        hidden: hidden::table(outcomes),
         baseline: Vec::new(),
         detector_us: outcomes.iter().map(|o| o.detector_us).sum::<f64>() / outcomes.len().max(1) as f64,
         faults: Vec::new(),
@@ -193,12 +197,17 @@ fn bin(range_m: f64) -> Option<usize> {
 }
 
 fn is_asked_for(view: &View) -> bool {
+    view.visible >= LEAST_VISIBLE && shows(view)
+}
+
+/// Whether the marker would be seen if nothing hid it.
+pub(super) fn shows(view: &View) -> bool {
     let faces = view.turn_rad.min(std::f64::consts::PI - view.turn_rad);
-    view.visible >= LEAST_VISIBLE && view.pixels > 0 && (view.kind != Kind::Rectangle || faces <= MOST_TURN_RAD)
+    view.pixels > 0 && (view.kind != Kind::Rectangle || faces <= MOST_TURN_RAD)
 }
 
 /// (error' C⁻¹ error) of bearing and range.
-fn distance2(view: &View, sighting: &Sighting) -> f64 {
+pub(super) fn distance2(view: &View, sighting: &Sighting) -> f64 {
     let peer = &sighting.peer;
     let error = nalgebra::Vector2::new(turned(peer.bearing_rad - view.bearing_rad), peer.range_m - view.range_m);
     peer.covariance.try_inverse().map_or(f64::INFINITY, |inverse| (error.transpose() * inverse * error)[0])

@@ -4,6 +4,7 @@ use std::f64::consts::TAU;
 use std::sync::Arc;
 use std::time::Instant;
 
+use nalgebra::Vector2;
 use protocol::id::RobotId;
 use robot_agent::optics::MountedCamera;
 use robot_agent::panorama::{Lut, PanoramaGeometry};
@@ -13,10 +14,14 @@ use super::{Outcome, layout};
 use crate::render::Renderer;
 use crate::render::rays::Rays;
 use crate::scenario::{CameraSpec, WearSpec};
-use crate::world::RobotState;
+use crate::world::{RobotState, State};
 
 /// Between two pictures.
 const PERIOD_S: f64 = 0.1;
+/// From this share on a robot is unhidden (its own mast hides a few pixels).
+const WHOLE: f64 = 0.96;
+/// Who hides a part of a robot is this near to the line of sight, metres.
+const BESIDE_M: f64 = 0.5;
 
 /// A camera from both sides: traced, and as the agent has it.
 pub struct Eyes {
@@ -49,6 +54,19 @@ pub enum Kind {
     Rectangle,
 }
 
+/// What stands before a robot and hides a part of it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Before {
+    /// All but a few pixels can be seen.
+    Nothing,
+    /// A person.
+    Person,
+    /// Another robot.
+    Robot,
+    /// Furniture.
+    Thing,
+}
+
 /// A robot as it could be seen in one picture.
 #[derive(Debug, Clone, Copy)]
 pub struct View {
@@ -68,6 +86,8 @@ pub struct View {
     pub visible: f64,
     /// See `visible`.
     pub pixels: u32,
+    /// Why no more of it is to be seen.
+    pub before: Before,
 }
 
 /// What the detector said.
@@ -80,15 +100,16 @@ pub struct Sighting {
 }
 
 /// Renders a layout's pictures and looks for robots in them.
-pub fn look(eyes: &Eyes, seed: u64, pictures: usize) -> Outcome {
+pub fn look(eyes: &Eyes, seed: u64, pictures: usize, robots: bool) -> Outcome {
     let mut outcome = Outcome { seed, views: Vec::new(), sightings: Vec::new(), detector_us: 0.0 };
-    let Some((scenario, world)) = layout::draw(&eyes.spec, seed, PERIOD_S * pictures as f64) else { return outcome };
+    let drawn = layout::draw(&eyes.spec, seed, PERIOD_S * pictures as f64, robots);
+    let Some((scenario, world)) = drawn else { return outcome };
     let world = Arc::new(world);
     let mut renderer = Renderer::of_first(&world, &eyes.rays);
     let mut fellows: Vec<(Option<RobotId>, protocol::marker::Marker)> =
         scenario.robot_ids().iter().skip(1).map(|id| (Some(*id), scenario.marker_of(id))).collect();
-    // The team has fellows with other codes elsewhere: the detector must not take one for another.
-    for (n, wear) in layout::codes().iter().enumerate() {
+    // The team has fellows elsewhere: the detector must not take one for another, or anything else for them.
+    for (n, wear) in layout::worn().iter().enumerate() {
         let marker = wear.marker();
         if fellows.iter().all(|(_, m)| *m != marker) {
             fellows.push((RobotId::new(&format!("away{n}")).ok(), marker));
@@ -102,10 +123,12 @@ pub fn look(eyes: &Eyes, seed: u64, pictures: usize) -> Outcome {
         let time_s = PERIOD_S * n as f64;
         let presence = renderer.presence(time_s);
         let picture = renderer.render(time_s);
+        let state = world.at(time_s);
         let views: Vec<View> = (1..world.robots().len())
             .map(|n| {
                 let id = world.robots()[n].id;
-                view(&first.robots[0], &first.robots[n], kind(&scenario.robots.wear_of(&id)), &presence[n])
+                let view = view(&first.robots[0], &first.robots[n], kind(&scenario.robots.wear_of(&id)), &presence[n]);
+                View { before: before(&state, n, view.visible), ..view }
             })
             .collect();
         if eyes.lut.unwarp(&picture.gray, &mut panorama).is_err() {
@@ -142,6 +165,28 @@ fn view(observer: &RobotState, robot: &RobotState, kind: Kind, presence: &crate:
         turn_rad: turned(azimuth + 0.5 * TAU - robot.heading_rad).abs(),
         visible: presence.visible(),
         pixels: presence.alone,
+        before: Before::Nothing,
+    }
+}
+
+/// What stands before robot `n` as the first one sees it.
+fn before(state: &State, n: usize, visible: f64) -> Before {
+    let place = |r: &RobotState| Vector2::new(r.x_m, r.y_m);
+    let eye = place(&state.robots[0]);
+    let way = place(&state.robots[n]) - eye;
+    let is_between = |p: Vector2<f64>| {
+        let along = (p - eye).dot(&way) / way.norm_squared();
+        (0.0..1.0).contains(&along) && (p - eye - along * way).norm() < BESIDE_M
+    };
+    let others = || state.robots.iter().enumerate().filter(|(k, _)| *k != 0 && *k != n).map(|(_, r)| place(r));
+    if visible >= WHOLE {
+        Before::Nothing
+    } else if state.people.iter().any(|p| is_between(Vector2::new(p.x_m, p.y_m))) {
+        Before::Person
+    } else if others().any(is_between) {
+        Before::Robot
+    } else {
+        Before::Thing
     }
 }
 

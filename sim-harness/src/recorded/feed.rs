@@ -1,9 +1,11 @@
 //! A leader fed with encoded messages: what it gets has been through the wire's quantities and checks.
 
+use std::collections::VecDeque;
+
 use protocol::codec::{decode, encode};
 use protocol::id::{LeaderId, RobotId};
 use protocol::marker::Marker;
-use protocol::message::{Announcement, CameraSummary, Observation, TeamMap};
+use protocol::message::{Announcement, CameraSummary, Guidance, Observation, TeamMap};
 use protocol::time::Timestamp;
 use team_leader::leader::{Anchor, Input, Leader, LeaderCoreConfig, Output};
 
@@ -15,7 +17,12 @@ pub struct Feed {
     leader: Leader,
     /// What it told people.
     pub notices: Vec<String>,
+    /// What it said of better places, until somebody takes it; the last [`MAX_GUIDANCE`].
+    pub guidance: VecDeque<Guidance>,
 }
+
+/// Most guidance kept.
+pub const MAX_GUIDANCE: usize = 64;
 
 /// A robot of a recording.
 #[derive(Debug, Clone)]
@@ -43,7 +50,7 @@ impl Feed {
         let fixed = robots.iter().filter_map(|r| Some(Anchor { robot: r.id, team_from_body: r.fixed? }));
         config.fixed = fixed.collect();
         change(&mut config);
-        let mut feed = Self { leader: Leader::new(config), notices: Vec::new() };
+        let mut feed = Self { leader: Leader::new(config), notices: Vec::new(), guidance: VecDeque::new() };
         for robot in robots {
             let announcement = Announcement {
                 robot: robot.id,
@@ -83,6 +90,12 @@ impl Feed {
             match output {
                 Output::Map(new) => map = Some(new),
                 Output::Notice(text) => self.notices.push(text),
+                Output::Guidance(guidance) => {
+                    if self.guidance.len() >= MAX_GUIDANCE {
+                        self.guidance.pop_front();
+                    }
+                    self.guidance.push_back(guidance);
+                }
                 // Nobody else leads here, and nobody answers.
                 _ => {}
             }

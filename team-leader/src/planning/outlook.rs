@@ -2,7 +2,9 @@
 //!
 //! The error of a target in the map has two parts (`cov = own + J Σ Jᵀ`). Its own: what the filter of [`crate::stereo::target`]
 //! comes to rest at under a stream of bearings. Along each axis of the bearings' information that is a filter of position and
-//! velocity by itself, so its end is found in a few steps of two by two. The robots': their joint covariance after the move,
+//! velocity by itself, so its end is found in a few steps of two by two. Where robots and target are nearly in line that end
+//! would be metres, but who walks is past before it is reached: there the filter goes on for a second from where it usually
+//! rests. The robots': their joint covariance after the move,
 //! through the weights that the rays have. So what is expected is what the same leader will state, and achieve where its
 //! covariances are honest.
 
@@ -20,6 +22,8 @@ const REACH_M: f64 = 10.0;
 const LEAST_RANGE_M: f64 = 0.4;
 /// Mean widening of a bearing's variance by its tails' weights, errors being Gaussian.
 const STRETCH: f64 = 1.15;
+/// Whoever comes to a place of few sights passes it in about this time, seconds.
+const PASSING_S: f64 = 1.0;
 /// Steps of the filter until it rests.
 const STEPS: usize = 60;
 
@@ -44,14 +48,39 @@ pub fn mean_square_m2(
     places: &[Vector2<f64>],
     config: &TargetConfig,
 ) -> Option<f64> {
-    let mut sum = 0.0;
-    for place in places {
-        sum += at_place(posts, poses, *place, config)?;
-    }
-    (!places.is_empty()).then(|| sum / places.len() as f64)
+    let seen = places.iter().map(|place| at_place(posts, poses, *place, config)).collect::<Option<Vec<Place>>>()?;
+    let mut worse: Vec<&Axis> =
+        seen.iter().map(|place| place.axes.iter().max_by(|a, b| by_var(a, b))).collect::<Option<_>>()?;
+    worse.sort_by(|a, b| by_var(a, b));
+    let usual = worse.get(worse.len() / 2)?.rest;
+    let own = |axis: &Axis| match axis.rest[0] > usual[0] {
+        true => settle(axis.information, axis.interval_s, config.acceleration_m2ps3, usual, PASSING_S)[0],
+        false => axis.rest[0],
+    };
+    let sum: f64 = seen.iter().map(|place| place.shared_m2 + place.axes.iter().map(own).sum::<f64>()).sum();
+    Some(sum / places.len() as f64)
 }
 
-fn at_place(posts: &[Post], poses: &DMatrix<f64>, place: Vector2<f64>, config: &TargetConfig) -> Option<f64> {
+/// What a target at a place comes to.
+struct Place {
+    axes: [Axis; 2],
+    /// Part of the robots' errors, m².
+    shared_m2: f64,
+}
+
+/// One axis of the bearings' information.
+struct Axis {
+    information: f64,
+    interval_s: f64,
+    /// The filter's variances there in the end: position, both, velocity.
+    rest: [f64; 3],
+}
+
+fn by_var(a: &Axis, b: &Axis) -> std::cmp::Ordering {
+    a.rest[0].total_cmp(&b.rest[0])
+}
+
+fn at_place(posts: &[Post], poses: &DMatrix<f64>, place: Vector2<f64>, config: &TargetConfig) -> Option<Place> {
     let seeing: Vec<(usize, RowVector2<f64>, [f64; 3], f64)> = posts
         .iter()
         .enumerate()
@@ -69,40 +98,47 @@ fn at_place(posts: &[Post], poses: &DMatrix<f64>, place: Vector2<f64>, config: &
     let rate_hz = seeing.iter().map(|(k, ..)| posts[*k].rate_hz).fold(0.0, f64::max);
     let density: Matrix2<f64> = seeing.iter().map(|(_, h, _, w)| h.transpose() * h * *w).sum();
     let inverse = density.try_inverse()?;
-    let axes = density.symmetric_eigen();
-    let mut own = 0.0;
-    for value in axes.eigenvalues.iter() {
-        own += resting_var(value / rate_hz, 1.0 / rate_hz, config.acceleration_m2ps3)?;
-    }
+    let eigen = density.symmetric_eigen();
+    let axis = |value: f64| {
+        let (information, interval_s) = (value / rate_hz, 1.0 / rate_hz);
+        let rest = resting(information, interval_s, config.acceleration_m2ps3)?;
+        Some(Axis { information, interval_s, rest })
+    };
+    let axes = [axis(eigen.eigenvalues[0])?, axis(eigen.eigenvalues[1])?];
     // Errors that last go through the weights of the rays.
     let mut by_poses = DMatrix::zeros(2, 3 * posts.len());
     for (k, h, to_pose, w) in &seeing {
         let block: Matrix2x3<f64> = -(inverse * h.transpose()) * RowVector3::from(*to_pose) * *w;
         by_poses.fixed_view_mut::<2, 3>(0, 3 * k).copy_from(&block);
     }
-    let shared = (&by_poses * poses * by_poses.transpose()).trace();
-    let sum = own + shared;
-    (sum.is_finite() && sum > 0.0).then_some(sum)
+    let shared_m2 = (&by_poses * poses * by_poses.transpose()).trace();
+    (shared_m2.is_finite() && shared_m2 >= 0.0).then_some(Place { axes, shared_m2 })
 }
 
-/// Variance of a position at rest, seen `interval_s` apart with this information each time, just after a sight.
-fn resting_var(information: f64, interval_s: f64, acceleration_m2ps3: f64) -> Option<f64> {
+/// Variances (position, both, velocity) at rest, seen `interval_s` apart with this information each time, just after a sight.
+fn resting(information: f64, interval_s: f64, acceleration_m2ps3: f64) -> Option<[f64; 3]> {
     if information.is_nan() || information <= 1e-6 {
         return None;
     }
+    let start = [1.0 / information, 0.0, acceleration_m2ps3 * 0.5 * VELOCITY_MEMORY_S];
+    let rest = settle(information, interval_s, acceleration_m2ps3, start, STEPS as f64 * interval_s);
+    rest.iter().all(|v| v.is_finite()).then_some(rest)
+}
+
+/// The same after `time_s` from other ones.
+fn settle(information: f64, interval_s: f64, acceleration_m2ps3: f64, from: [f64; 3], time_s: f64) -> [f64; 3] {
     let keep = (-interval_s / VELOCITY_MEMORY_S).exp();
     let reach = VELOCITY_MEMORY_S * (1.0 - keep);
     let q = acceleration_m2ps3;
     let (dt, r) = (interval_s, 1.0 / information);
-    // Position, both, velocity.
-    let (mut p, mut c, mut v) = (r, 0.0, q * 0.5 * VELOCITY_MEMORY_S);
-    for _ in 0..STEPS {
+    let [mut p, mut c, mut v] = from;
+    for _ in 0..((time_s / interval_s).round() as usize).clamp(1, STEPS) {
         let (pp, cc, vv) = (p + 2.0 * reach * c + reach * reach * v, keep * (c + reach * v), keep * keep * v);
         (p, c, v) = (pp + q * dt.powi(3) / 3.0, cc + q * dt * dt / 2.0, vv + q * dt);
         let gain = 1.0 / (p + r);
         (p, c, v) = (p - p * p * gain, c - p * c * gain, v - c * c * gain);
     }
-    Some(p)
+    [p, c, v]
 }
 
 /// Whether a post sees a place: near enough, past the other robots.

@@ -9,6 +9,7 @@ use protocol::estimate::SolveStatus;
 use protocol::frames::Pose2;
 use protocol::message::MapStatus;
 
+use super::bars;
 use super::input::{Bearing, Problem};
 use super::output::{Solution, SolvedRobot, SolvedTarget, UNKNOWN_VAR};
 use super::start::{Axis, among_landmarks, axis, name_sightings, radius_m};
@@ -26,6 +27,7 @@ struct Pair {
 /// Solves by closed forms. Bearings without a target are left out.
 pub fn solve(mut problem: Problem) -> Solution {
     let naming = name_sightings(&mut problem);
+    let said = bars::number_sightings(&mut problem);
     let n = problem.robots.len();
     let mut poses: Vec<Option<(Pose2, Matrix3<f64>)>> =
         problem.robots.iter().map(|r| r.pose.map(|p| (p, Matrix3::zeros()))).collect();
@@ -74,7 +76,7 @@ pub fn solve(mut problem: Problem) -> Solution {
         (SolveStatus::Converged, "closed forms, pair by pair")
     };
     let weakest_direction = "not known by closed forms".to_owned();
-    Solution { robots, targets, weakest_direction, ..Solution::empty(status, explanation) }
+    Solution { robots, targets, weakest_direction, warnings: said, ..Solution::empty(status, explanation) }
 }
 
 /// Mean of all that `i` says of `j` and back; `None` without both bearings and a distance.

@@ -206,6 +206,8 @@ pub enum Part {
     Right,
     /// Bar of this number.
     Bar(usize),
+    /// One of the bars round a cylinder.
+    UnnumberedBar,
     /// 0 right, 1 left edge of a rectangle.
     Edge(usize),
 }
@@ -413,12 +415,13 @@ fn check_sighting(k: usize, s: &RawSighting, observer: usize, peer: Option<usize
                 (RawPart::Left, _) => Part::Left,
                 (RawPart::Right, _) => Part::Right,
                 (RawPart::Bar, Some(n)) => Part::Bar(usize::from(n)),
+                (RawPart::Bar, None) => Part::UnnumberedBar,
                 (RawPart::Edge, Some(n)) if n < 2 => Part::Edge(usize::from(n)),
                 (part, index) => {
                     return Err(SolveError::Value {
                         place: place("features.index"),
                         value: format!("{index:?} of {part:?}"),
-                        right: "the number of the bar, or 0 (right) or 1 (left) for an edge",
+                        right: "0 (right) or 1 (left) for an edge",
                     });
                 }
             },
