@@ -14,7 +14,7 @@ use super::bars::{self, Reading};
 use super::combine::{self, Evidence, Mount};
 use super::edges::{self, EdgeFit, Side};
 use super::look::CylinderLook;
-use super::near::{self, NearSearch, Rim};
+use super::near::{self, NearSearch, Reach, Rim};
 use super::rays::{PixelRays, Sample};
 use super::rings::{self, RingFit};
 use super::search::{Candidate, Grid, Search};
@@ -64,8 +64,8 @@ const WORST_EDGE_PX: f64 = 0.5;
 const STRONG_SUPPORT: f64 = 0.55;
 const NEAR_M: f64 = 2.2;
 const RETRY_RANGES: [f64; 4] = [0.95, 1.05, 0.9, 1.1];
-/// Two ring edges are in view from here on for a camera at 0.6 m; nearer, a body's upper end and one outline must do.
-const RIM_FARTHEST_M: f64 = 1.0;
+/// A candidate's range is right to this share.
+const RANGE_SLACK: f64 = 1.05;
 /// Share of the columns in which the upper end must be where the curve says: of 30 true bodies the least was 0.93, what else was
 /// fitted reached 0.8.
 const LEAST_RIM: f64 = 0.85;
@@ -87,6 +87,7 @@ pub struct CylinderFinder {
     look: CylinderLook,
     search: Search,
     near_search: NearSearch,
+    reach: Reach,
     samples: Vec<Sample>,
 }
 
@@ -110,8 +111,9 @@ impl CylinderFinder {
     pub fn new(camera: &MountedCamera, grid: Grid, look: CylinderLook) -> Self {
         let lowest = camera.camera().elevation_rad()[0].tan();
         let search = Search::new(grid, &look, camera.viewpoint_body_m().z, lowest);
-        let near_search = NearSearch::new(grid, &look, camera.viewpoint_body_m().z);
-        Self { look, search, near_search, samples: Vec::new() }
+        let reach = Reach::new(&look, camera.viewpoint_body_m().z, lowest);
+        let near_search = NearSearch::new(grid, &look, camera.viewpoint_body_m().z, &reach);
+        Self { look, search, near_search, reach, samples: Vec::new() }
     }
 
     /// Bytes of the panorama that the search expects.
@@ -209,7 +211,10 @@ impl CylinderFinder {
             found = self.fit_best(&samples, camera, candidate, half, hidden);
         }
         let worn = if self.look.is_barred() { Rim::Barred } else { Rim::Plain };
-        let rim = candidate.rim.or(candidate.known.then_some(worn)).filter(|_| candidate.range_m < NEAR_M);
+        let rim = candidate
+            .rim
+            .or(candidate.known.then_some(worn))
+            .filter(|_| candidate.range_m < RANGE_SLACK * self.reach.two_edges_m);
         if let (None, Some(rim)) = (&found, rim) {
             found = near::fit(&samples, &self.look, height, (candidate.bearing_rad, candidate.range_m), rim)
                 .and_then(|rings| self.outlines(&samples, rings, hidden));
@@ -334,8 +339,8 @@ impl CylinderFinder {
             || rings.bend[1] > doubt.bend
             || (seen < 2 && !is_round(rings))
             || rings.bend[0] < FLATTEST
-            // From here on rings are in view: a curve with one outline is something else.
-            || (rings.is_rim && seen < 2 && body.range_m > RIM_FARTHEST_M)
+            // Soon a ring edge is in view, too: a curve with one outline is something else.
+            || (rings.is_rim && seen < 2 && body.range_m > self.reach.one_edge_m / RANGE_SLACK)
             || (rings.is_rim && rings.visible < LEAST_RIM)
             || (seen == 0 && (rings.edges_seen < 2 || rings.visible < 0.5))
             || body.range_m > FARTHEST_M

@@ -20,9 +20,11 @@ use super::rays::Sample;
 use super::rings::{BLUR_PX, Column, RingFit, median};
 use super::search::{Candidate, Grid};
 
-/// Ranges, metres, and the step between them.
-const RANGE_M: [f64; 2] = [0.5, 1.3];
+/// Step between ranges, and most of them.
 const RANGE_STEP: f64 = 1.03;
+const MAX_LEVELS: usize = 80;
+/// A ring edge counts as seen where the picture goes on below it for so much, metres.
+const BELOW_EDGE_M: f64 = 0.02;
 /// Places on the curve: sines of the angle of incidence.
 const PLACES: usize = 11;
 const WIDEST_SINE: f64 = 0.85;
@@ -82,6 +84,32 @@ pub enum Rim {
     Barred,
 }
 
+/// Between which ranges a camera sees of a body what, metres to the axis.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Reach {
+    /// From here on the upper end of the marker is in view.
+    pub rim_m: f64,
+    /// From here on one edge between two rings, too.
+    pub one_edge_m: f64,
+    /// From here on two: they are a pattern.
+    pub two_edges_m: f64,
+}
+
+impl Reach {
+    /// For a camera at `camera_height_m` that sees down to the tangent `lowest`. Where it does not look down, or stands below the
+    /// marker, everything is in view from the body's surface on.
+    pub fn new(look: &CylinderLook, camera_height_m: f64, lowest: f64) -> Self {
+        let from = |height_m: f64| {
+            let rise = camera_height_m - height_m;
+            let near_m = if lowest < 0.0 && rise > 0.0 { rise / -lowest } else { 0.0 };
+            look.radius_m + near_m
+        };
+        let inner = &look.edges_m[1..look.edges_m.len() - 1];
+        let edge = |from_top: usize| inner.iter().rev().nth(from_top).map_or(look.low_m(), |edge| edge - BELOW_EDGE_M);
+        Self { rim_m: from(look.high_m()), one_edge_m: from(edge(0)), two_edges_m: from(edge(1)) }
+    }
+}
+
 impl Rim {
     /// Of places that may miss the contrast.
     fn strays(self) -> usize {
@@ -100,13 +128,14 @@ pub struct NearSearch {
 
 impl NearSearch {
     /// Prepares the curves of a look for a camera at this height.
-    pub fn new(grid: Grid, look: &CylinderLook, camera_height_m: f64) -> Self {
+    pub fn new(grid: Grid, look: &CylinderLook, camera_height_m: f64, reach: &Reach) -> Self {
         let [top, bottom] = grid.tangents;
         let per_row = grid.height as f64 / (top - bottom);
         let rise = look.high_m() - camera_height_m;
         let mut levels = Vec::new();
-        let mut range_m = RANGE_M[0].max(1.6 * look.radius_m);
-        while range_m < RANGE_M[1] {
+        // Round the body the upper end is further away, and may be in view there before it is in the middle.
+        let mut range_m = (0.9 * reach.rim_m).max(1.6 * look.radius_m);
+        while range_m < reach.two_edges_m && levels.len() < MAX_LEVELS {
             let half_columns = (look.radius_m / range_m).asin() / TAU * grid.width as f64;
             let places = (0..PLACES).filter_map(|k| {
                 let sine = WIDEST_SINE * (2.0 * k as f64 / (PLACES - 1) as f64 - 1.0);
@@ -297,8 +326,7 @@ pub fn fit(samples: &[Sample], look: &CylinderLook, height_m: f64, start: (f64, 
         let delta = inverse * g;
         bearing += delta[0].clamp(-0.06, 0.06);
         range += delta[1].clamp(-0.06 * range, 0.06 * range);
-        let legal = 1.3 * look.radius_m..1.5 * RANGE_M[1];
-        if !legal.contains(&range) || (range / start.1 - 1.0).abs() > 0.2 {
+        if !range.is_finite() || range < 1.3 * look.radius_m || (range / start.1 - 1.0).abs() > 0.2 {
             return None;
         }
         let n = agreeing.len() as f64;
