@@ -77,7 +77,7 @@ pub async fn keep(board: Board, metrics: Option<std::net::SocketAddr>) -> std::i
 }
 
 impl Board {
-    /// The service works: called in its loop, at least once a second.
+    /// The service works: called in its loop, at least every two seconds.
     pub fn beat(&self) {
         self.pulse.fetch_add(1, Ordering::Relaxed);
     }

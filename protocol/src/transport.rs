@@ -96,12 +96,14 @@ impl Transport {
     }
 
     /// Closes this session and opens another with the same settings at the same endpoints: for a program that the others have
-    /// given up. What was declared is gone, for all clones; what the meter has counted goes on.
+    /// given up, or that does not find them any more. What was declared is gone, for all clones; what the meter has counted
+    /// goes on. A client waits for ever.
     ///
     /// # Errors
-    /// It cannot be opened within [`REOPEN_LIMIT`].
+    /// A router's cannot be opened within [`REOPEN_LIMIT`].
     pub async fn reopen(self) -> Result<Self, TransportError> {
         let mut options = (*self.options).clone();
+        options.connect_limit = None;
         if options.listen.iter().any(|endpoint| endpoint.ends_with(":0")) {
             options.listen = self.locators().await;
         }

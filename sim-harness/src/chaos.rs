@@ -11,6 +11,7 @@ pub mod fabric;
 pub mod fault;
 pub mod feed;
 pub mod judge;
+pub mod processes;
 
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::sync::Arc;

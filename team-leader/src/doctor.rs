@@ -230,7 +230,7 @@ fn of_robot(heard: &Heard, robot: RobotId, notes: &mut Notes) {
     }
     match heard.healths.get(&robot) {
         Some(health) => of_health(health, notes),
-        None => notes.warning(&robot, "no health report came", "it comes once a second; is the link full?"),
+        None => notes.warning(&robot, "no health report came", "it comes every two seconds; is the link full?"),
     }
 }
 

@@ -149,15 +149,14 @@ impl Leader {
     /// Works on one event. Outputs are appended in the order in which they should leave.
     pub fn handle(&mut self, now: Timestamp, input: Input, outputs: &mut Vec<Output>) {
         self.succeed(now, &input, outputs);
+        let mut used = false;
         match input {
-            Input::Announcement(announcement) => self.announced(now, announcement, outputs),
-            Input::Observation(robot, observation) => {
-                if self.observed(now, robot, &observation, outputs) && self.succession.reign().is_some() {
-                    outputs.push(Output::Map(self.map(now)));
-                    self.guide(now, outputs);
-                    self.tell_of_moved(outputs);
-                }
+            Input::Announcement(announcement) => {
+                let robot = announcement.robot;
+                self.announced(now, announcement, outputs);
+                used = self.catch_up(now, robot, outputs);
             }
+            Input::Observation(robot, observation) => used = self.observed(now, robot, observation, outputs),
             Input::RobotAlive(robot) => {
                 if let Some(k) = self.member(robot, outputs) {
                     self.members[k].alive = true;
@@ -170,7 +169,10 @@ impl Leader {
                     self.members[k].alive = false;
                 }
             }
-            Input::ClockReply(robot, reply) => self.clock_replied(now, robot, &reply, outputs),
+            Input::ClockReply(robot, reply) => {
+                self.clock_replied(now, robot, &reply, outputs);
+                used = self.catch_up(now, robot, outputs);
+            }
             Input::Alarm(alarm) => self.alarmed(now, alarm, outputs),
             Input::Health(health) => {
                 // It says nothing that the leader needs, but a session that has no frames still speaks by it.
@@ -184,6 +186,11 @@ impl Leader {
             | Input::Thawed
             | Input::Renewed
             | Input::Deadline => {}
+        }
+        if used && self.succession.reign().is_some() {
+            outputs.push(Output::Map(self.map(now)));
+            self.guide(now, outputs);
+            self.tell_of_moved(outputs);
         }
         self.probe(now, outputs);
     }

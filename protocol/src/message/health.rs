@@ -1,4 +1,4 @@
-//! How a robot is doing: once a second.
+//! How a robot is doing: every two seconds.
 
 use bincode::{Decode, Encode};
 

@@ -19,8 +19,10 @@ use crate::key::{Key, Pattern};
 use crate::meter::{Direction, Meter};
 use crate::time::Timestamp;
 
-/// Time that a publisher has to answer for what it kept. Until all have, alarms of new publishers wait.
+/// Time that a publisher has to answer for what it kept. Until all have, what new publishers say waits.
 const HISTORY_LIMIT: Duration = Duration::from_secs(2);
+/// The same for kinds of which a newer message is worth more than an old one.
+const LIVE_HISTORY_LIMIT: Duration = Duration::from_millis(300);
 /// Senders whose refused messages are logged once each; those of further senders are only counted.
 const MAX_REFUSED_NAMED: usize = 64;
 
@@ -85,7 +87,7 @@ impl Transport {
         }
         let builder = builder
             .history(HistoryConfig::default().max_samples(qos.kept).detect_late_publishers())
-            .query_timeout(HISTORY_LIMIT);
+            .query_timeout(if qos.recovered { HISTORY_LIMIT } else { LIVE_HISTORY_LIMIT });
         let builder = if qos.recovered { builder.recovery(RecoveryConfig::default().heartbeat()) } else { builder };
         Ok(Raw::WithHistory { _subscriber: builder.callback(callback).await.map_err(refused)? })
     }

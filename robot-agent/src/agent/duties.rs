@@ -9,9 +9,9 @@ use protocol::time::Timestamp;
 use super::{Agent, Output};
 
 /// Between two announcements. The last one is kept for late joiners anyway; this is for those who lost it.
-pub const ANNOUNCEMENT_PERIOD: Duration = Duration::from_secs(5);
+pub const ANNOUNCEMENT_PERIOD: Duration = Duration::from_secs(10);
 /// Between two health reports.
-pub const HEALTH_PERIOD: Duration = Duration::from_secs(1);
+pub const HEALTH_PERIOD: Duration = Duration::from_secs(2);
 /// Frames that stay away for longer are an alarm.
 pub const FRAMES_MISSING_AFTER: Duration = Duration::from_secs(2);
 

@@ -9,7 +9,7 @@ use protocol::board::Board;
 use protocol::host_clock::Clock;
 use protocol::id::{LeaderId, RobotId, TeamId};
 use protocol::key::{Key, Topic};
-use protocol::message::{Announcement, ClockProbe, Health};
+use protocol::message::{Alarm, Announcement, ClockProbe, Health};
 use protocol::time::Timestamp;
 use protocol::transport::{AskedReplayStart, Options, Sign, Transport, TransportError};
 
@@ -21,8 +21,13 @@ use super::waiting::{Question, Waiting, answer_picture};
 use super::{Start, Summary};
 use crate::agent::{Agent, Input, Output};
 
-/// Alarms kept while nobody is connected; the oldest go first.
+/// Alarms kept for the next session; the oldest go first.
 const MAX_ALARMS_KEPT: usize = 64;
+/// Without a link for so long, with the leaders' endpoints tried again and again, the session is opened anew. Zenoh's clients do not
+/// come back (1.10.2) where a link is closed while they finish opening it.
+const LINK_PATIENCE: Duration = Duration::from_secs(3);
+/// Between two looks at the link.
+const LINK_PERIOD: Duration = Duration::from_millis(500);
 /// Without a leader for so long after joining, the agent says that it waits.
 const LEADER_PATIENCE: Duration = Duration::from_secs(2);
 /// Most notices that are kept for the summary; all are logged.
@@ -42,7 +47,8 @@ pub struct Network {
     start: Option<Start>,
     mailbox: Arc<Mailbox>,
     dropped: Arc<AtomicU64>,
-    kept: VecDeque<Output>,
+    /// The last alarms, published again in every session: receivers take each once, by its number.
+    kept: VecDeque<Alarm>,
     journal: Option<Journal>,
     announcement: Option<Announcement>,
     leaders: BTreeSet<LeaderId>,
@@ -81,42 +87,57 @@ impl Network {
 
     /// Keeps alarms over a restart, and publishes first what was raised before this one.
     pub fn keep_alarms(&mut self, mut journal: Journal) {
-        self.kept.extend(journal.take_before().into_iter().map(Output::Alarm));
+        self.kept.extend(journal.take_before());
         self.journal = Some(journal);
     }
 
     /// Joins and works until the agent's outputs end, which they do when its mailbox is closed.
     pub async fn work(&mut self, mut outputs: Outputs) -> Result<(), TransportError> {
         let Some(session) = self.session.take() else { return Ok(()) };
-        let transport = {
-            let mut joining = std::pin::pin!(Transport::open(session));
-            loop {
-                tokio::select! {
-                    opened = &mut joining => break opened?,
-                    output = outputs.recv() => match output {
-                        Some(output) => self.keep(output),
-                        None => return Ok(()),
-                    },
-                }
+        let Some(mut transport) = self.join(Transport::open(session), &mut outputs).await? else { return Ok(()) };
+        loop {
+            let mut link = Link::declare(&transport, self.team, self.robot).await?;
+            tracing::info!("robot {} has joined team {}", self.robot, self.team);
+            if let Some(announcement) = &self.announcement {
+                log_unsent(link.announcement.put(announcement));
+            }
+            for alarm in &self.kept {
+                log_unsent(link.alarm.put(alarm));
+            }
+            let asking_start = start_from_leader(transport.clone(), self.team, self.clock, self.start.clone());
+            tokio::select! {
+                () = self.serve(&mut link, &mut outputs) => return Ok(()),
+                () = is_lost(&transport) => {}
+                () = asking_start => return Ok(()),
+            }
+            self.tell("no leader is found any more; the agent works on and opens its session anew".to_owned());
+            self.leaders.clear();
+            self.transport = None;
+            match self.join(transport.reopen(), &mut outputs).await? {
+                Some(reopened) => transport = reopened,
+                None => return Ok(()),
+            }
+        }
+    }
+
+    /// Waits for a session; `None` where the outputs ended before.
+    async fn join(
+        &mut self,
+        opening: impl Future<Output = Result<Transport, TransportError>>,
+        outputs: &mut Outputs,
+    ) -> Result<Option<Transport>, TransportError> {
+        let mut opening = std::pin::pin!(opening);
+        let transport = loop {
+            tokio::select! {
+                opened = &mut opening => break opened?,
+                output = outputs.recv() => match output {
+                    Some(output) => self.keep(output),
+                    None => return Ok(None),
+                },
             }
         };
         self.transport = Some(transport.clone());
-        let mut link = Link::declare(&transport, self.team, self.robot).await?;
-        tracing::info!("robot {} has joined team {}", self.robot, self.team);
-        if let Some(announcement) = self.announcement.take() {
-            log_unsent(link.announcement.put(&announcement));
-        }
-        for output in std::mem::take(&mut self.kept) {
-            // In the journal already.
-            if let Output::Alarm(alarm) = output {
-                log_unsent(link.alarm.put(&alarm));
-            }
-        }
-        let asking_start = start_from_leader(transport.clone(), self.team, self.clock, self.start.clone());
-        tokio::select! {
-            () = self.serve(&mut link, &mut outputs) => Ok(()),
-            () = asking_start => Ok(()),
-        }
+        Ok(Some(transport))
     }
 
     async fn serve(&mut self, link: &mut Link, outputs: &mut Outputs) {
@@ -148,14 +169,7 @@ impl Network {
     fn keep(&mut self, output: Output) {
         match output {
             Output::Announcement(announcement) => self.announcement = Some(announcement),
-            Output::Alarm(ref alarm) => {
-                self.note(alarm);
-                if self.kept.len() >= MAX_ALARMS_KEPT {
-                    self.kept.pop_front();
-                    self.dropped.fetch_add(1, Ordering::Relaxed);
-                }
-                self.kept.push_back(output);
-            }
+            Output::Alarm(alarm) => self.note(alarm),
             Output::Notice(text) => self.tell(text),
             Output::Health(health) => {
                 self.complete(health);
@@ -166,11 +180,14 @@ impl Network {
 
     fn send(&mut self, output: Output, link: &Link, waiting: &mut Waiting) {
         match output {
-            Output::Announcement(announcement) => log_unsent(link.announcement.put(&announcement)),
+            Output::Announcement(announcement) => {
+                log_unsent(link.announcement.put(&announcement));
+                self.announcement = Some(announcement);
+            }
             Output::Observation(observation) => log_unsent(link.observation.put(&observation)),
             Output::Alarm(alarm) => {
-                self.note(&alarm);
                 log_unsent(link.alarm.put(&alarm));
+                self.note(alarm);
             }
             Output::Health(health) => log_unsent(link.health.put(&self.complete(health))),
             Output::ClockReply(token, reply) => log_unsent(waiting.answer_clock(token, reply, self.clock.now())),
@@ -184,11 +201,18 @@ impl Network {
         }
     }
 
-    fn note(&mut self, alarm: &protocol::message::Alarm) {
+    fn note(&mut self, alarm: Alarm) {
         tracing::info!("alarm {}: {}", alarm.number, alarm.kind);
         if let Some(journal) = &mut self.journal {
-            journal.keep(alarm);
+            journal.keep(&alarm);
         }
+        if self.kept.len() >= MAX_ALARMS_KEPT {
+            self.kept.pop_front();
+            if self.transport.is_none() {
+                self.dropped.fetch_add(1, Ordering::Relaxed);
+            }
+        }
+        self.kept.push_back(alarm);
     }
 
     /// What only the shell knows.
@@ -203,7 +227,7 @@ impl Network {
             health.messages_refused += meter.refused();
             health.traffic = meter.sent_by_kind();
         }
-        // Once a second, from the agent's own thread: it works.
+        // Every two seconds, from the agent's own thread: it works.
         self.board.beat();
         self.board.health(&health);
         health
@@ -259,9 +283,21 @@ impl Network {
     }
 }
 
+/// Ends when there has been no link for [`LINK_PATIENCE`].
+async fn is_lost(transport: &Transport) {
+    let mut looks = tokio::time::interval(LINK_PERIOD);
+    let mut linked = tokio::time::Instant::now();
+    while linked.elapsed() < LINK_PATIENCE {
+        looks.tick().await;
+        if transport.is_connected().await {
+            linked = tokio::time::Instant::now();
+        }
+    }
+}
+
 /// Asks the leader for the common start until it is known, and fills it in. Never ends: it only accompanies the service.
 async fn start_from_leader(transport: Transport, team: TeamId, clock: Clock, wanted: Option<Start>) {
-    let Some(wanted) = wanted else { return std::future::pending().await };
+    let Some(wanted) = wanted.filter(|wanted| wanted.get().is_none()) else { return std::future::pending().await };
     let mut best: Option<(f64, Timestamp)> = None;
     let mut answers = 0;
     while answers < START_ANSWERS {

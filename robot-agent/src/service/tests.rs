@@ -1,6 +1,7 @@
 //! The service over real Zenoh sessions on loopback; a router session stands in for the leader.
 
-use std::net::TcpListener;
+use std::io::{Read, Write};
+use std::net::{Shutdown, TcpListener, TcpStream};
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 use protocol::id::{LeaderId, RobotId};
@@ -55,6 +56,45 @@ async fn an_agent_whose_leader_is_away_works_on_and_joins_when_it_comes_and_come
     assert!(waits <= 1, "{:?}", summary.notices);
     let gone: Vec<_> = summary.notices.iter().filter(|notice| notice.contains("l1 has gone")).collect();
     assert!(gone.len() <= 2, "once a leader: {gone:?}");
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn an_agent_whose_link_is_closed_while_it_is_opened_comes_back() {
+    let (leader, endpoint) = leader().await;
+    let mut observations: Subscriber<Observation> = leader.subscribe(every(RobotTopic::Observation)).await.unwrap();
+    let port = cut_at_first(endpoint.rsplit(':').next().unwrap().parse().unwrap(), 3);
+    let running = start(agent("r1", 1), Box::new(Camera::default()), &format!("tcp/127.0.0.1:{port}"));
+    timeout(LIMIT, observations.recv()).await.unwrap().unwrap();
+    running.stop().await;
+}
+
+/// A port that passes on to another; the first so many connections are closed after the second answer: just when a client of
+/// Zenoh has them open.
+fn cut_at_first(to: u16, connections: usize) -> u16 {
+    let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+    let port = listener.local_addr().unwrap().port();
+    std::thread::spawn(move || {
+        for (n, client) in listener.incoming().enumerate() {
+            let (Ok(mut client), Ok(mut server)) = (client, TcpStream::connect(("127.0.0.1", to))) else { return };
+            let (mut from_client, mut to_server) = (client.try_clone().unwrap(), server.try_clone().unwrap());
+            std::thread::spawn(move || std::io::copy(&mut from_client, &mut to_server));
+            std::thread::spawn(move || {
+                if n >= connections {
+                    return drop(std::io::copy(&mut server, &mut client));
+                }
+                for _ in 0..2 {
+                    let mut length = [0; 2];
+                    server.read_exact(&mut length).unwrap();
+                    let mut answer = vec![0; usize::from(u16::from_le_bytes(length))];
+                    server.read_exact(&mut answer).unwrap();
+                    client.write_all(&[&length[..], &answer].concat()).unwrap();
+                }
+                let _ = client.shutdown(Shutdown::Both);
+                let _ = server.shutdown(Shutdown::Both);
+            });
+        }
+    });
+    port
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]

@@ -15,13 +15,6 @@ fn a_seed_fixes_everything() {
     assert_eq!(text(), text());
 }
 
-/// `cargo test -p sim-harness fifty_seeds -- --ignored --nocapture`, or faster `sim-harness chaos`.
-#[test]
-#[ignore = "minutes; the gate runs four of them"]
-fn fifty_seeds() {
-    all_right(0..50);
-}
-
 fn all_right(seeds: impl IntoIterator<Item = u64>) {
     let mut wrong = Vec::new();
     for seed in seeds {

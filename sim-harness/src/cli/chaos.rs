@@ -1,12 +1,14 @@
 //! `sim-harness chaos`: faults on purpose, and how long until the map is right again.
 
 use std::fmt::Write;
+use std::path::PathBuf;
 
-use clap::Args;
+use clap::{Args, ValueEnum};
 
 use super::record::Format;
 use super::run::{exit_code, json};
 use super::seeds::{self, Seeds};
+use crate::chaos::processes::{self, Fault, RobotArgs};
 use crate::chaos::{self, Run};
 use crate::team::TeamError;
 
@@ -19,6 +21,17 @@ pub struct ChaosArgs {
     /// Seeds, as 0..49 or 1,3,7: each is another world with another fault; the kinds come in turn
     #[arg(long, value_parser = seeds::parse, default_value = "0..49")]
     seeds: Seeds,
+    /// Over real Zenoh between processes in network namespaces (as root), each kind of fault so often, instead of simulated
+    #[arg(long, value_name = "TIMES")]
+    processes: Option<usize>,
+    /// With --processes: only these kinds
+    #[arg(long, value_enum, value_delimiter = ',', requires = "processes")]
+    faults: Vec<Fault>,
+    #[command(flatten)]
+    robot: RobotArgs,
+    /// A leader's process: its configuration. Not for people
+    #[arg(long, hide = true)]
+    as_leader: Option<PathBuf>,
     /// How to report
     #[arg(long, value_enum, default_value_t = Format::Text)]
     format: Format,
@@ -27,7 +40,15 @@ pub struct ChaosArgs {
 /// Does it; gives the exit code: 1 where the map was right again too late, or something was that must never be.
 #[allow(clippy::print_stderr)]
 pub fn run(args: &ChaosArgs) -> u8 {
-    match all(args) {
+    if let Some(config) = &args.as_leader {
+        return team_leader::cli::run::run(&team_leader::cli::run::RunArgs { config: config.clone() });
+    }
+    let done = match (args.robot.as_robot, args.processes) {
+        (Some(robot), _) => processes::run_robot(robot, &args.robot.leaders).map(|()| (String::new(), true)),
+        (None, Some(times)) => over_zenoh(args, times),
+        (None, None) => all(args),
+    };
+    match done {
         Ok((text, fine)) => {
             println!("{}", text.trim_end());
             u8::from(!fine)
@@ -52,6 +73,45 @@ fn all(args: &ChaosArgs) -> Result<(String, bool), TeamError> {
         return Ok((json(&serde_json::json!({ "limit_s": LIMIT_S, "fine": fine, "runs": runs }))?, fine));
     }
     Ok((table(&runs), fine))
+}
+
+fn over_zenoh(args: &ChaosArgs, times: usize) -> Result<(String, bool), TeamError> {
+    let kinds = if args.faults.is_empty() { Fault::value_variants() } else { &args.faults };
+    let (mut runs, mut fine) = (Vec::new(), true);
+    let mut text = format!(
+        "{:<12} {:>7} {:>8} {:>9} {:>8} {:>6} {:>7}\n",
+        "fault", "next s", "right s", "silent s", "renamed", "maps", "fenced"
+    );
+    for fault in kinds {
+        for _ in 0..times {
+            let run = processes::run(*fault)?;
+            let right = run.findings.right_again_s;
+            fine &= run.findings.violations.is_empty() && right.is_some_and(|after_s| after_s <= LIMIT_S);
+            let name = fault.to_possible_value().map(|value| value.get_name().to_owned()).unwrap_or_default();
+            let _ = writeln!(
+                text,
+                "{name:<12} {:>7} {:>8} {:>9.2} {:>8} {:>6} {:>7}",
+                or_dash(run.findings.taken_over_s),
+                or_dash(right),
+                run.findings.longest_silence_s,
+                run.findings.renamed,
+                run.maps,
+                run.fenced
+            );
+            for violation in &run.findings.violations {
+                let _ = writeln!(text, "       ! {violation}");
+            }
+            runs.push(run);
+        }
+    }
+    match args.format {
+        Format::Json => Ok((json(&serde_json::json!({ "limit_s": LIMIT_S, "fine": fine, "runs": runs }))?, fine)),
+        Format::Text => Ok((text, fine)),
+    }
+}
+
+fn or_dash(value: Option<f64>) -> String {
+    value.map_or_else(|| "-".to_owned(), |value| format!("{value:.2}"))
 }
 
 /// Whether a run is as it should be.
@@ -82,7 +142,6 @@ fn table(runs: &[Run]) -> String {
 
 /// A run in one line, and what must never be below it.
 pub fn line(run: &Run) -> String {
-    let or_dash = |value: Option<f64>| value.map_or_else(|| "-".to_owned(), |value| format!("{value:.2}"));
     let findings = &run.findings;
     let mut text = format!(
         "{:>5}  {:<20} {:>9} {:>9} {:>9.2} {:>8} {:>8} {:>7}",

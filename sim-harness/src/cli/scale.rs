@@ -25,6 +25,9 @@ pub struct ScaleArgs {
     /// Do not pin the leader to processor 0 and the senders to 1
     #[arg(long)]
     no_pin: bool,
+    /// A soak: fail where the leader's memory grew by more than a tenth, its open files at all, or a message was lost
+    #[arg(long)]
+    flat: bool,
     /// How to report
     #[arg(long, value_enum, default_value_t = Format::Text)]
     format: Format,
@@ -33,7 +36,7 @@ pub struct ScaleArgs {
     as_leader: bool,
 }
 
-/// Does it; gives the exit code.
+/// Does it; gives the exit code: 1 where `--flat` was asked for and is not.
 #[allow(clippy::print_stderr)]
 pub fn run(args: &ScaleArgs) -> u8 {
     let done = if args.as_leader { scale::leader::run() } else { measure(args) };
@@ -84,7 +87,23 @@ fn measure(args: &ScaleArgs) -> Result<(), TeamError> {
     if args.format == Format::Json {
         println!("{}", serde_json::to_string_pretty(&all).map_err(|error| TeamError::Service(error.to_string()))?);
     }
-    Ok(())
+    match all.iter().filter(|_| args.flat).find_map(unflat) {
+        Some(why) => Err(TeamError::Service(why)),
+        None => Ok(()),
+    }
+}
+
+/// What a soak must not show.
+fn unflat(figures: &Figures) -> Option<String> {
+    let ([before_mb, after_mb], [before, after]) = (figures.memory_mb, figures.open_files);
+    let robots = figures.load.robots;
+    if after_mb > 1.1 * before_mb {
+        return Some(format!("{robots} robots: the leader's memory grew from {before_mb:.1} to {after_mb:.1} MB"));
+    }
+    if after > before {
+        return Some(format!("{robots} robots: the leader's open files grew from {before} to {after}"));
+    }
+    (figures.lost > 0).then(|| format!("{robots} robots: the leader lost {} messages", figures.lost))
 }
 
 fn in_words(figures: &Figures, first: bool) -> String {

@@ -35,6 +35,22 @@ impl Default for Conduct {
     }
 }
 
+impl Conduct {
+    /// Takes a line: `step SECONDS` sets the clock on, `copies N` is how often each message is sent.
+    ///
+    /// # Errors
+    /// Another line, said.
+    pub fn obey(&mut self, line: &str) -> Result<(), TeamError> {
+        let wrong = || failed(format!("{line:?} is not `step SECONDS` or `copies N`"));
+        match line.trim().split_once(' ') {
+            Some(("step", by)) => self.clock_s += by.parse::<f64>().map_err(|_| wrong())?,
+            Some(("copies", count)) => self.copies = count.parse().map_err(|_| wrong())?,
+            _ => return Err(wrong()),
+        }
+        Ok(())
+    }
+}
+
 /// Starts a robot; gives the number of its observations when it is stopped.
 pub async fn start(
     team: TeamId,

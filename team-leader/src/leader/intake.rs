@@ -23,9 +23,10 @@ use crate::timeline::Refusal;
 
 /// Sightings less sure than this are not used.
 const LEAST_CONFIDENCE: f64 = 0.3;
-/// An observation that took so much longer or shorter than usual asks for a clock probe, seconds; how fast the usual delay is
-/// learned, a part an observation.
+/// So many observations in a row that took so much longer or shorter than usual ask for a clock probe (one alone was held up
+/// somewhere); seconds. How fast the usual delay is learned, a part an observation.
 const CLOCK_JUMP_S: f64 = 0.05;
+const CLOCK_JUMP_FRAMES: u32 = 3;
 const DELAY_MEMORY: f64 = 0.2;
 /// Ranges of robots that are used, metres.
 const RANGE_M: [f64; 2] = [kernel::LEAST_RANGE_M, 60.0];
@@ -50,12 +51,26 @@ impl Leader {
         self.members[k].announced = Some((announcement.epoch, announcement.marker, announcement.camera));
     }
 
-    /// Uses an observation; false where it was refused.
+    /// Uses what has waited for the robot's announcement or its clock; true where something was used.
+    pub(super) fn catch_up(&mut self, now: Timestamp, robot: RobotId, outputs: &mut Vec<Output>) -> bool {
+        let Some(member) = self.members.iter_mut().find(|member| member.id == robot) else { return false };
+        let mut used = false;
+        for observation in member.take_waiting(self.config.clock.trusted) {
+            used |= self.observed(now, robot, observation, outputs);
+        }
+        if let Some(member) = self.members.iter_mut().find(|member| used && member.id == robot) {
+            // They took as long as they waited, not as long as the network takes.
+            member.usual_delay_s = None;
+        }
+        used
+    }
+
+    /// Uses an observation; false where it was refused, or waits.
     pub(super) fn observed(
         &mut self,
         now: Timestamp,
         robot: RobotId,
-        observation: &Observation,
+        observation: Observation,
         outputs: &mut Vec<Output>,
     ) -> bool {
         let Some(k) = self.member(robot, outputs) else { return false };
@@ -73,6 +88,7 @@ impl Leader {
             .map(|(_, _, camera)| CameraFacts { height_m: camera.height_m, tilt_sigma_rad: camera.tilt_sigma_rad });
         let Some(camera) = camera else {
             self.members[k].trouble = Some(Trouble::NotAnnounced);
+            self.members[k].wait(observation);
             self.tell(format!("robot {robot} sends observations but has not announced itself yet: they wait"), outputs);
             return false;
         };
@@ -95,6 +111,7 @@ impl Leader {
             (false, Some(clock)) => (clock.leader_time(observation.capture), clock.sigma_s(now)),
             (false, None) => {
                 self.members[k].trouble = Some(Trouble::ClockUnknown);
+                self.members[k].wait(observation);
                 return false;
             }
         };
@@ -117,10 +134,16 @@ impl Leader {
         if !trusted {
             let delay_s = now.seconds_since(at);
             let usual_s = *member.usual_delay_s.get_or_insert(delay_s);
-            if (delay_s - usual_s).abs() > CLOCK_JUMP_S {
-                member.doubt_clock(now, &self.config.clock);
+            if (delay_s - usual_s).abs() <= CLOCK_JUMP_S {
+                member.unusual_delays = 0;
+                member.usual_delay_s = Some(usual_s + DELAY_MEMORY * (delay_s - usual_s));
+            } else {
+                member.unusual_delays += 1;
+                if member.unusual_delays >= CLOCK_JUMP_FRAMES {
+                    (member.unusual_delays, member.usual_delay_s) = (0, None);
+                    member.doubt_clock(now, &self.config.clock);
+                }
             }
-            member.usual_delay_s = Some(usual_s + DELAY_MEMORY * (delay_s - usual_s));
         }
         self.newest = Some(self.newest.map_or(at, |n| n.max(at)));
         if admission.new_session {

@@ -1,8 +1,10 @@
 //! A robot as the leader knows it: session, camera, clock, presence.
 
+use std::collections::VecDeque;
+
 use protocol::id::RobotId;
 use protocol::marker::Marker;
-use protocol::message::{CameraSummary, Presence, Trouble, Trust};
+use protocol::message::{CameraSummary, Observation, Presence, Trouble, Trust};
 use protocol::time::Timestamp;
 
 use super::config::ClockConfig;
@@ -10,6 +12,9 @@ use crate::calibration::systematic::Shared;
 use crate::clock_offset::ClockOffset;
 use crate::team_map::build::RobotFacts;
 use crate::timeline::Timeline;
+
+/// Most observations of a robot that wait until it is known; the oldest go first.
+const MAX_WAITING: usize = 32;
 
 /// A robot.
 #[derive(Debug, Clone)]
@@ -40,6 +45,10 @@ pub struct Member {
     pub trouble: Option<Trouble>,
     /// How long its observations take, of late, seconds: a jump means that its clock was set.
     pub usual_delay_s: Option<f64>,
+    /// Observations in a row that took another time.
+    pub unusual_delays: u32,
+    /// Observations that came before its announcement or its clock's first answer.
+    waiting: VecDeque<Observation>,
 }
 
 impl Member {
@@ -59,6 +68,24 @@ impl Member {
             used: None,
             trouble: None,
             usual_delay_s: None,
+            unusual_delays: 0,
+            waiting: VecDeque::new(),
+        }
+    }
+
+    /// Keeps an observation until more is known of the robot.
+    pub fn wait(&mut self, observation: Observation) {
+        if self.waiting.len() >= MAX_WAITING {
+            self.waiting.pop_front();
+        }
+        self.waiting.push_back(observation);
+    }
+
+    /// What has waited for what is known now, oldest first.
+    pub fn take_waiting(&mut self, clocks_are_trusted: bool) -> VecDeque<Observation> {
+        match self.announced.is_some() && (clocks_are_trusted || self.clock.is_some()) {
+            true => std::mem::take(&mut self.waiting),
+            false => VecDeque::new(),
         }
     }
 

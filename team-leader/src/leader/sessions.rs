@@ -17,8 +17,8 @@ const MAX_SESSIONS: usize = 16;
 const QUIET_S: f64 = 0.5;
 /// What is on its way when a new session speaks may still come, seconds.
 const TAIL_S: f64 = 0.3;
-/// A session that has been silent for so long has gone (health comes every second), seconds.
-const GONE_S: f64 = 2.0;
+/// A session that has been silent for so long has gone (health comes every two seconds), seconds.
+const GONE_S: f64 = 3.0;
 
 /// The sessions of all robots.
 #[derive(Debug, Default)]
@@ -203,7 +203,7 @@ mod tests {
         let mut sessions = Sessions::default();
         let mut notices = Vec::new();
         let mut used = Vec::new();
-        for tick in 0..60 {
+        for tick in 0..70 {
             let now_s = 0.1 * f64::from(tick);
             // Beta comes at 1 s; alpha goes at 3 s.
             for (epoch, host, here) in [(1, "alpha", now_s < 3.0), (2, "beta", now_s > 1.0)] {
@@ -214,8 +214,8 @@ mod tests {
                     }
                 }
             }
-            if !(1.3..1.6).contains(&now_s) && !(4.7..5.2).contains(&now_s) {
-                assert_eq!(sessions.in_conflict(r1()), (1.5..5.0).contains(&now_s), "{now_s}");
+            if !(1.3..1.6).contains(&now_s) && !(5.7..6.2).contains(&now_s) {
+                assert_eq!(sessions.in_conflict(r1()), (1.5..6.0).contains(&now_s), "{now_s}");
                 assert_eq!(sessions.is_heard(r1(), 1), now_s < 1.5, "{now_s}");
             }
         }
@@ -225,7 +225,7 @@ mod tests {
         }
         assert!(used.iter().filter(|(tick, _)| (16..47).contains(tick)).count() == 0, "{used:?}");
         assert!(used.iter().all(|(tick, epoch)| (*epoch == 1) == (*tick < 16)), "{used:?}");
-        assert!(used.contains(&(55, 2)));
+        assert!(used.contains(&(65, 2)));
     }
 
     fn at(s: f64) -> Timestamp {

@@ -240,6 +240,12 @@ fn observations_wait_for_announcement_and_clock() {
         epoch: 1,
     };
     leader.handle(sent.offset_by_secs(0.002), Input::ClockReply(robot, reply), &mut outputs);
+    // Both that have waited are used, at their own times.
+    let stamps = |outputs: &[Output]| -> Vec<Timestamp> {
+        outputs.iter().filter_map(|o| if let Output::Map(map) = o { Some(map.stamp) } else { None }).collect()
+    };
+    assert_eq!(stamps(&outputs).len(), 1, "one map for all that waited");
+    outputs.clear();
     let late = world::clock(5.4);
     leader.handle(world::clock(0.41), Input::Observation(robot, observation(2, late)), &mut outputs);
     let map = outputs.iter().find_map(|o| if let Output::Map(map) = o { Some(map) } else { None }).unwrap();
