@@ -45,9 +45,9 @@ const TOLD_BIAS_RAD: f64 = 0.003;
 const SURE_SIGMAS: f64 = 4.0;
 const LEAST_LAG_S: f64 = 0.015;
 const LEAST_BIAS_RAD: f64 = 0.004;
-/// Innovations until the sigmas that a robot states are judged, and how many count.
-const LEAST_COUNT: f64 = 80.0;
-const MOST_COUNT: f64 = 300.0;
+/// Innovations (by what they tell) until the sigmas that a robot states are judged, and how many count.
+const LEAST_COUNT: f64 = 15.0;
+const MOST_COUNT: f64 = 100.0;
 /// The mean of all lags is zero within this, seconds: it is not seen, and would drift.
 const MEAN_LAG_S: f64 = 0.005;
 /// Errors larger than stated by more than this factor are widened, beyond the other the robot's bearings are set aside.
@@ -231,8 +231,10 @@ impl Systematic {
             }
         }
         let fit = &mut self.robots[robot];
-        fit.count = (fit.count + 1.0).min(MOST_COUNT);
-        fit.mean += (innovation.excess - fit.mean) / fit.count;
+        if innovation.excess_weight > 0.0 {
+            fit.count = (fit.count + innovation.excess_weight).min(MOST_COUNT);
+            fit.mean += (innovation.excess - fit.mean) * (innovation.excess_weight / fit.count).min(1.0);
+        }
     }
 
     fn solve(&mut self, since_s: f64) {

@@ -66,6 +66,8 @@ pub struct Innovation {
     /// Its square, less what the target's own uncertainty explains, over the variance that the robot states: 1 in the mean
     /// where errors fit.
     pub excess: f64,
+    /// How much that tells: one over its variance, 1 where the target's own uncertainty is none.
+    pub excess_weight: f64,
     /// ∂residual/∂(lag, bias) of each robot.
     pub to_shared: Vec<(usize, [f64; 2])>,
 }
@@ -151,6 +153,7 @@ impl Watched {
             } else {
                 1.0
             },
+            excess_weight: if settled { (1.0 + spread / (stated * b.widened.powi(2))).powi(-2) } else { 0.0 },
             to_shared: to_shared.into_iter().map(|(r, g)| (r, [g[0], g[1]])).collect(),
         })
     }
