@@ -23,7 +23,7 @@ use protocol::message::TeamMap;
 use protocol::transport::{Options, Transport};
 use serde::{Deserialize, Serialize};
 
-use crate::team::TeamError;
+use crate::team::{self, TeamError, failed};
 use room::Room;
 
 /// Robots and people in a room.
@@ -158,7 +158,7 @@ fn measure(
     child: &Child,
     progress: &mut dyn FnMut(f64, ProcessFigures),
 ) -> Result<Figures, TeamError> {
-    let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(2).enable_all().build().map_err(failed)?;
+    let runtime = team::runtime()?;
     // `taskset` replaces itself by the leader, so its number is the child's.
     runtime.block_on(measure_async(load, endpoint, &child.id().to_string(), progress))
 }
@@ -239,10 +239,6 @@ fn percentiles(mut values: Vec<f64>) -> [f64; 3] {
 fn say(line: &str) -> Result<(), TeamError> {
     let mut output = std::io::stdout().lock();
     writeln!(output, "{line}").and_then(|()| output.flush()).map_err(failed)
-}
-
-fn failed(error: impl std::fmt::Display) -> TeamError {
-    TeamError::Service(error.to_string())
 }
 
 #[cfg(test)]

@@ -30,6 +30,17 @@ use crate::world::{World, WorldError};
 
 pub use outcome::Outcome;
 
+/// Whatever it was, as a fault of the service.
+pub(crate) fn failed(error: impl std::fmt::Display) -> TeamError {
+    TeamError::Service(error.to_string())
+}
+
+/// A runtime that Zenoh's sessions work in.
+pub(crate) fn runtime() -> Result<tokio::runtime::Runtime, TeamError> {
+    let built = tokio::runtime::Builder::new_multi_thread().worker_threads(2).enable_all().build();
+    built.map_err(|error| TeamError::Service(format!("no runtime: {error}")))
+}
+
 /// Why a team cannot run.
 #[derive(Debug, thiserror::Error)]
 pub enum TeamError {

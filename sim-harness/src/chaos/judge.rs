@@ -38,6 +38,13 @@ pub struct Findings {
     pub violations: Vec<String>,
 }
 
+impl Findings {
+    /// Whether nothing was that must never be, and the map was right again within `limit_s` after the fault.
+    pub fn are_fine(&self, limit_s: f64) -> bool {
+        self.violations.is_empty() && self.right_again_s.is_some_and(|after_s| after_s <= limit_s)
+    }
+}
+
 /// Looks at each map that the robot believes.
 #[derive(Debug)]
 pub struct Judge {

@@ -25,7 +25,7 @@ use tokio::runtime::Handle;
 use super::judge::{Findings, Judge};
 use crate::scale::ROOM;
 use crate::scale::room::Room;
-use crate::team::TeamError;
+use crate::team::{self, TeamError, failed};
 use host::{Hosts, Process};
 pub use robot::{RobotArgs, run as run_robot};
 use wire::Weather;
@@ -95,7 +95,7 @@ pub struct Run {
 /// # Errors
 /// Namespaces are refused (in words), a process does not start, the team does not find itself.
 pub fn run(fault: Fault) -> Result<Run, TeamError> {
-    let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(2).enable_all().build().map_err(failed)?;
+    let runtime = team::runtime()?;
     let mut team = Team::start(runtime.handle())?;
     runtime.block_on(team.endure(fault))
 }
@@ -271,8 +271,4 @@ async fn found_itself(maps: &mut Subscriber<TeamMap>, words: &mut Subscriber<Can
         }
     }
     Ok(())
-}
-
-fn failed(error: impl std::fmt::Display) -> TeamError {
-    TeamError::Service(error.to_string())
 }

@@ -85,14 +85,13 @@ fn over_zenoh(args: &ChaosArgs, times: usize) -> Result<(String, bool), TeamErro
     for fault in kinds {
         for _ in 0..times {
             let run = processes::run(*fault)?;
-            let right = run.findings.right_again_s;
-            fine &= run.findings.violations.is_empty() && right.is_some_and(|after_s| after_s <= LIMIT_S);
+            fine &= run.findings.are_fine(LIMIT_S);
             let name = fault.to_possible_value().map(|value| value.get_name().to_owned()).unwrap_or_default();
             let _ = writeln!(
                 text,
                 "{name:<12} {:>7} {:>8} {:>9.2} {:>8} {:>6} {:>7}",
                 or_dash(run.findings.taken_over_s),
-                or_dash(right),
+                or_dash(run.findings.right_again_s),
                 run.findings.longest_silence_s,
                 run.findings.renamed,
                 run.maps,
@@ -116,9 +115,7 @@ fn or_dash(value: Option<f64>) -> String {
 
 /// Whether a run is as it should be.
 pub fn is_fine(run: &Run) -> bool {
-    run.findings.violations.is_empty()
-        && run.alarms.1 == 0
-        && run.findings.right_again_s.is_some_and(|after_s| after_s <= LIMIT_S)
+    run.findings.are_fine(LIMIT_S) && run.alarms.1 == 0
 }
 
 fn table(runs: &[Run]) -> String {

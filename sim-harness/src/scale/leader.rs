@@ -9,7 +9,7 @@ use team_leader::leader::{Leader, LeaderCoreConfig};
 use team_leader::service::{NOBODY_AFTER, Service, Setup};
 
 use super::{LeaderSummary, failed, say};
-use crate::team::TeamError;
+use crate::team::{self, TeamError};
 
 /// Name of the team.
 pub(super) fn team_id() -> Result<TeamId, NameError> {
@@ -21,7 +21,7 @@ pub(super) fn team_id() -> Result<TeamId, NameError> {
 /// # Errors
 /// No session, nobody to talk to.
 pub fn run() -> Result<(), TeamError> {
-    let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(2).enable_all().build().map_err(failed)?;
+    let runtime = team::runtime()?;
     runtime.block_on(lead())
 }
 

@@ -24,7 +24,7 @@ use tokio::sync::watch;
 
 use self::source::{Seen, SimulatedCamera};
 use super::frames::Ahead;
-use super::{Outcome, TeamError, TeamSettings, camera, leader_id, team_id};
+use super::{Outcome, TeamError, TeamSettings, camera, failed, leader_id, team_id};
 use crate::bandwidth::{Traffic, VideoRate};
 use crate::render::Renderer;
 use crate::scenario::Scenario;
@@ -50,11 +50,7 @@ pub fn run(
     progress: &(dyn Fn(f64) + Sync),
 ) -> Result<Outcome, TeamError> {
     let world = Arc::new(World::new(scenario, seed)?);
-    let runtime = tokio::runtime::Builder::new_multi_thread()
-        .worker_threads(2)
-        .enable_all()
-        .build()
-        .map_err(|e| TeamError::Service(format!("no runtime: {e}")))?;
+    let runtime = super::runtime()?;
     runtime.block_on(run_team(scenario, world, settings, progress))
 }
 
@@ -259,8 +255,4 @@ fn add_traffic(traffic: &mut Traffic, sender: &str, rows: &[Row], measured: Opti
             traffic.add_many(sender, row.kind.name(), row.count.messages, row.count.payload_bytes, wire);
         }
     }
-}
-
-fn failed(error: impl std::fmt::Display) -> TeamError {
-    TeamError::Service(error.to_string())
 }

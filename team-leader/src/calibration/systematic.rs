@@ -26,7 +26,7 @@ use protocol::id::TargetId;
 use protocol::time::Timestamp;
 
 use crate::leader::config::TargetConfig;
-use watched::{Bearing, Watched};
+use watched::{Bearing, Fitting, Watched};
 
 /// A priori a lag is within this, seconds, and a bias, rad (standard deviations).
 const LAG_S: f64 = 0.1;
@@ -231,9 +231,9 @@ impl Systematic {
             }
         }
         let fit = &mut self.robots[robot];
-        if innovation.excess_weight > 0.0 {
-            fit.count = (fit.count + innovation.excess_weight).min(MOST_COUNT);
-            fit.mean += (innovation.excess - fit.mean) * (innovation.excess_weight / fit.count).min(1.0);
+        if let Some(Fitting { excess, weight }) = innovation.fitting.filter(|fitting| fitting.weight > 0.0) {
+            fit.count = (fit.count + weight).min(MOST_COUNT);
+            fit.mean += (excess - fit.mean) * weight / fit.count;
         }
     }
 

@@ -8,7 +8,7 @@ use tokio::sync::watch;
 use super::{SEED, failed};
 use crate::scale::room::Room;
 use crate::scale::sender::{self, Conduct};
-use crate::team::TeamError;
+use crate::team::{self, TeamError};
 
 /// Observations a second.
 const RATE_HZ: f64 = 10.0;
@@ -29,7 +29,7 @@ pub struct RobotArgs {
 /// # Errors
 /// No session.
 pub fn run(robot: usize, leaders: &[String]) -> Result<(), TeamError> {
-    let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(2).enable_all().build().map_err(failed)?;
+    let runtime = team::runtime()?;
     let (conduct, watched) = watch::channel(Conduct::default());
     runtime.block_on(async {
         let team = "chaos".parse()?;

@@ -56,6 +56,16 @@ pub struct Bearing {
     pub widened: f64,
 }
 
+/// How a bearing's error fits what the robot states.
+#[derive(Debug, Clone, Copy)]
+pub struct Fitting {
+    /// The innovation squared, less what the target's own uncertainty explains, over the variance that the robot states: 1 in the
+    /// mean where errors fit.
+    pub excess: f64,
+    /// How much that tells: one over its variance, 1 where the target's own uncertainty is none.
+    pub weight: f64,
+}
+
 /// What a bearing says of the shared errors.
 #[derive(Debug, Clone)]
 pub struct Innovation {
@@ -63,11 +73,8 @@ pub struct Innovation {
     pub residual_rad: f64,
     /// One over its variance, less for those far off; 0 while the filter settles.
     pub weight: f64,
-    /// Its square, less what the target's own uncertainty explains, over the variance that the robot states: 1 in the mean
-    /// where errors fit.
-    pub excess: f64,
-    /// How much that tells: one over its variance, 1 where the target's own uncertainty is none.
-    pub excess_weight: f64,
+    /// How the robot's errors fit its sigmas; `None` while the filter settles.
+    pub fitting: Option<Fitting>,
     /// ∂residual/∂(lag, bias) of each robot.
     pub to_shared: Vec<(usize, [f64; 2])>,
 }
@@ -147,13 +154,13 @@ impl Watched {
         Some(Innovation {
             residual_rad,
             weight: if settled { 1.0 / var } else { 0.0 },
-            excess: if settled {
-                let most = LARGEST * (spread + stated * b.widened.powi(2));
-                (residual_rad.powi(2).min(most) - spread) / stated
-            } else {
-                1.0
-            },
-            excess_weight: if settled { (1.0 + spread / (stated * b.widened.powi(2))).powi(-2) } else { 0.0 },
+            fitting: settled.then(|| {
+                let believed = stated * b.widened.powi(2);
+                Fitting {
+                    excess: (residual_rad.powi(2).min(LARGEST * (spread + believed)) - spread) / stated,
+                    weight: (1.0 + spread / believed).powi(-2),
+                }
+            }),
             to_shared: to_shared.into_iter().map(|(r, g)| (r, [g[0], g[1]])).collect(),
         })
     }
