@@ -23,20 +23,22 @@ use team_leader::team_map::build::full_covariance;
 use super::feed::{Feed, Recorded};
 use super::{RecordedError, files, median};
 
-/// Sigmas of a reading: bearing in radians, of its stamp in seconds (a robot that turns by 0.4 rad/s is a degree further after
-/// 45 ms), range in metres.
-const BEARING_SIGMA_RAD: f64 = 0.0085;
-const STAMP_SIGMA_S: f64 = 0.04;
-const RANGE_SIGMA_M: f64 = 0.06;
-const RANGE_SIGMA: f64 = 0.035;
+/// How old a picture is when it is stamped, seconds: exposure, transfer, and finding the barcode in it.
+const CAMERA_LATENCY_S: f64 = 0.05;
+/// Sigmas of a reading: bearing in radians, of its stamp in seconds (a robot that turns by 0.4 rad/s is half a degree further after
+/// 20 ms), range in metres and as a part of it.
+const BEARING_SIGMA_RAD: f64 = 0.0064;
+const STAMP_SIGMA_S: f64 = 0.02;
+const RANGE_SIGMA_M: f64 = 0.055;
+const RANGE_SIGMA: f64 = 0.033;
 /// Lags of the wheels that are tried, seconds.
 const LAGS_S: [f64; 9] = [0.0, 0.05, 0.1, 0.15, 0.2, 0.25, 0.3, 0.35, 0.4];
-/// Growth of odometry's errors: forward m²/s while driving, sideways m²/s, heading rad²/s, and heading rad² per rad turned. What
-/// these robots' wheels do over 0.5 to 5 s, widened: they are told speeds and reach them late, so that errors hang together.
+/// Growth of odometry's errors: forward m²/s while driving, sideways m²/s, heading rad²/s, and heading rad² per rad turned: wheels
+/// that reach late what they are told, and slip. What wheels do wrong all the time the leader finds itself.
 const FORWARD_M2PS: f64 = 5e-4;
-const SIDEWAYS_M2PS: f64 = 1e-4;
-const HEADING_RAD2PS: f64 = 1.5e-3;
-const HEADING_PER_RAD: f64 = 5e-2;
+const SIDEWAYS_M2PS: f64 = 1e-5;
+const HEADING_RAD2PS: f64 = 2e-4;
+const HEADING_PER_RAD: f64 = 8e-3;
 /// Between observations without a sighting, seconds.
 const TICK_S: f64 = 0.1;
 /// Wheels that are not heard for longer stand, seconds.
@@ -124,7 +126,7 @@ pub fn replay(folder: &Path) -> Result<Report, RecordedError> {
         for row in files::table(&file("Measurement"), 4, "time, barcode, range, bearing")? {
             match barcodes.get(&(row[1] as u64)) {
                 Some(&subject) => {
-                    let (time_s, peer) = (row[0], subject - 1);
+                    let (time_s, peer) = (row[0] - CAMERA_LATENCY_S, subject - 1);
                     readings.push(Reading { time_s, peer, range_m: row[2], bearing_rad: row[3] });
                 }
                 None => unknown += 1,
