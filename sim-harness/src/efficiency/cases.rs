@@ -2,6 +2,7 @@
 
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
+use rand_distr::{Distribution, StandardNormal};
 use serde::Serialize;
 
 use super::scene::{Scene, Worn, turn};
@@ -25,6 +26,34 @@ pub enum Noise {
     Gaussian,
     /// 96 % as stated, 4 % with five times the sigma: 2.4 % beyond 3 σ, as in UTIAS MRCLAM.
     Tailed,
+}
+
+/// Share of errors from the broad Gaussian, and its width in sigmas, of [`Noise::Tailed`].
+const TAIL: (f64, f64) = (0.04, 5.0);
+
+impl Noise {
+    /// An error in sigmas.
+    pub fn draw(self, rng: &mut ChaCha8Rng) -> f64 {
+        let normal: f64 = StandardNormal.sample(rng);
+        match self {
+            Self::Gaussian => normal,
+            Self::Tailed => normal * if rng.random_range(0.0..1.0) < TAIL.0 { TAIL.1 } else { 1.0 },
+        }
+    }
+
+    /// −2 ln of the density of an error of `r` sigmas over its largest, and the weight by which it counts: half the slope over r.
+    pub fn loss(self, r: f64) -> (f64, f64) {
+        let (share, width) = match self {
+            Self::Gaussian => return (r * r, 1.0),
+            Self::Tailed => TAIL,
+        };
+        let narrow = (1.0 - share) * (-0.5 * r * r).exp();
+        let broad = share / width * (-0.5 * (r / width).powi(2)).exp();
+        let most = 1.0 - share + share / width;
+        // Beyond the arithmetic's range only the broad one is left.
+        let broad = broad.max(f64::MIN_POSITIVE);
+        (2.0 * (most / (narrow + broad)).ln(), (narrow + broad / (width * width)) / (narrow + broad))
+    }
 }
 
 /// A layout, and how well it is measured.
@@ -150,5 +179,20 @@ pub fn drawn(robots: usize, seed: u64) -> Scene {
             })
             .collect(),
         targets: places[robots..].iter().map(there).collect(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_weight_of_an_error_is_half_the_slope_of_its_loss_over_it() {
+        for noise in [Noise::Gaussian, Noise::Tailed] {
+            for r in [0.2, 1.5, 2.5, 3.0, 4.0, 12.0] {
+                let slope = (noise.loss(r + 1e-5).0 - noise.loss(r - 1e-5).0) / 2e-5;
+                assert!((0.5 * slope / r - noise.loss(r).1).abs() < 1e-6, "{noise:?} {r}");
+            }
+        }
     }
 }

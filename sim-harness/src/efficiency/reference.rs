@@ -4,29 +4,43 @@
 use nalgebra::{DVector, dvector};
 
 use super::bound::derivatives;
+use super::cases::Noise;
 use super::scene::{Measurement, Scene, turn};
 
-const MAX_ITERATIONS: usize = 30;
+const MAX_ITERATIONS: usize = 60;
 /// Step at which it ends, m and rad.
 const STEP: f64 = 1e-7;
 
-/// The most likely unknowns given `measured`; `None` where the iteration does not end.
-pub fn estimate(scene: &Scene, measurements: &[Measurement], measured: &[f64]) -> Option<Vec<f64>> {
+/// The most likely unknowns given `measured`, whose errors are `sigma` times what `noise` says: it knows the density of the tails,
+/// and begins at the truth, which no solver can. `None` where the iteration does not end.
+pub fn estimate(
+    scene: &Scene,
+    measurements: &[Measurement],
+    measured: &[f64],
+    sigma: f64,
+    noise: Noise,
+) -> Option<Vec<f64>> {
     let mut x = scene.unknowns();
     let exact = |x: &[f64], k: usize| scene.with(x).exact(&measurements[k]);
     let residuals = |x: &[f64]| {
         let at = scene.with(x);
-        DVector::from_iterator(measured.len(), measurements.iter().zip(measured).map(|(m, v)| turn(v - at.exact(m))))
+        let of = |(m, v): (&Measurement, &f64)| turn(v - at.exact(m)) / sigma;
+        DVector::from_iterator(measured.len(), measurements.iter().zip(measured).map(of))
     };
+    let cost = |r: &DVector<f64>| r.iter().map(|r| noise.loss(*r).0).sum::<f64>();
     let mut r = residuals(&x);
     for _ in 0..MAX_ITERATIONS {
-        let j = derivatives(&x, measured.len(), exact);
-        let step = (j.transpose() * &j).cholesky()?.solve(&(j.transpose() * &r));
+        let j = derivatives(&x, measured.len(), exact) / sigma;
+        let mut weighted = j.clone();
+        for (mut row, r) in weighted.row_iter_mut().zip(r.iter()) {
+            row *= noise.loss(*r).1;
+        }
+        let step = (weighted.transpose() * &j).cholesky()?.solve(&(weighted.transpose() * &r));
         let mut scale = 1.0;
         let moved = loop {
             let moved: Vec<f64> = x.iter().zip(step.iter()).map(|(x, s)| x + scale * s).collect();
             let there = residuals(&moved);
-            if there.norm_squared() <= r.norm_squared() * (1.0 + 1e-12) {
+            if cost(&there) <= cost(&r) * (1.0 + 1e-12) {
                 r = there;
                 break moved;
             }

@@ -5,9 +5,8 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 
 use nalgebra::{DMatrix, DVector};
 use protocol::marker::Marker;
-use rand::{RngExt, SeedableRng};
+use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
-use rand_distr::{Distribution, StandardNormal};
 use serde::Serialize;
 use team_leader::solve::input::{Bearing, Feature, Part, Problem, Robot, Sighting};
 use team_leader::solve::layout::Nuisance;
@@ -22,15 +21,12 @@ use super::statistics::{kolmogorov_chi2, mean_bounds};
 
 /// Where the baseline's bound relative to the baseline is above this, the bound is only a first approximation.
 pub const LINEAR_BELOW: f64 = 0.08;
-/// Share of errors from the broad Gaussian, and its width in sigmas, of [`Noise::Tailed`].
-const TAIL: (f64, f64) = (0.04, 5.0);
-
 /// What is to be run.
 #[derive(Debug, Clone, Copy)]
 pub struct Plan {
     /// Draws a case.
     pub draws: usize,
-    /// Draws of the reference where the bound is not exact.
+    /// Draws of the reference where the bound is not exact; with tails the reference solves every draw that the solver gets.
     pub reference: usize,
     /// What errors are like.
     pub noise: Noise,
@@ -152,8 +148,9 @@ pub fn run_case(case: &Case, plan: &Plan, cases: usize) -> Option<Outcome> {
     let baseline_m = scene.robots[1][0].hypot(scene.robots[1][1]);
     let mut rng = ChaCha8Rng::seed_from_u64(SEED.wrapping_add(case.number << 20));
     let mut draw =
-        |noise: Noise| -> Vec<f64> { exact.iter().map(|e| turn(e + sigma * error(&mut rng, noise))).collect() };
+        |noise: Noise| -> Vec<f64> { exact.iter().map(|e| turn(e + sigma * noise.draw(&mut rng))).collect() };
     let mut sums = DVector::zeros(4);
+    let (mut beside, mut compared) = (DVector::zeros(4), DVector::zeros(4));
     let (mut bias, mut failed) = (0.0, 0);
     let (mut robots, mut targets, mut nis) = (Vec::new(), Vec::new(), Vec::new());
     let dof = measurements.len() - bound.nrows();
@@ -164,7 +161,15 @@ pub fn run_case(case: &Case, plan: &Plan, cases: usize) -> Option<Outcome> {
             failed += 1;
             continue;
         };
-        sums += &squared_errors(scene, &sample.estimate);
+        let squared = squared_errors(scene, &sample.estimate);
+        if plan.noise == Noise::Tailed
+            && plan.reference > 0
+            && let Some(x) = estimate(scene, &measurements, &measured, sigma, plan.noise)
+        {
+            beside += squared_errors(scene, &x);
+            compared += &squared;
+        }
+        sums += &squared;
         let at = scene.with(&sample.estimate).robots[1];
         bias += at[0].hypot(at[1]) - baseline_m;
         robots.push(sample.nees_robots);
@@ -177,16 +182,20 @@ pub fn run_case(case: &Case, plan: &Plan, cases: usize) -> Option<Outcome> {
     let relative_bound = of_baseline(scene, &bound) / baseline_m;
     let to_bound = ratios(&mean, &variances);
     let curved = relative_bound > LINEAR_BELOW || to_bound.largest() > 1.05;
-    let to_reference = (curved && plan.reference > 0).then(|| {
-        let mut sums = DVector::zeros(4);
-        let mut count = 0.0;
-        for _ in 0..plan.reference {
-            if let Some(x) = estimate(scene, &measurements, &draw(plan.noise)) {
-                sums += squared_errors(scene, &x);
-                count += 1.0;
+    let same_draws = beside.iter().all(|b| *b > 0.0).then(|| ratios(&compared, &beside));
+    let alone = plan.noise == Noise::Gaussian && curved && plan.reference > 0;
+    let to_reference = same_draws.or_else(|| {
+        alone.then(|| {
+            let mut sums = DVector::zeros(4);
+            let mut count = 0.0;
+            for _ in 0..plan.reference {
+                if let Some(x) = estimate(scene, &measurements, &draw(plan.noise), sigma, plan.noise) {
+                    sums += squared_errors(scene, &x);
+                    count += 1.0;
+                }
             }
-        }
-        ratios(&mean, &(sums / f64::max(count, 1.0)))
+            ratios(&mean, &(sums / f64::max(count, 1.0)))
+        })
     });
     let alpha = 0.01 / cases as f64;
     Some(Outcome {
@@ -206,14 +215,6 @@ pub fn run_case(case: &Case, plan: &Plan, cases: usize) -> Option<Outcome> {
         nees_target: Consistency::of(&targets, 2, alpha),
         nis: (dof > 0).then(|| Consistency::of(&nis, dof, alpha)),
     })
-}
-
-fn error(rng: &mut ChaCha8Rng, noise: Noise) -> f64 {
-    let normal: f64 = StandardNormal.sample(rng);
-    match noise {
-        Noise::Gaussian => normal,
-        Noise::Tailed => normal * if rng.random_range(0.0..1.0) < TAIL.0 { TAIL.1 } else { 1.0 },
-    }
 }
 
 fn ratios(of: &DVector<f64>, to: &DVector<f64>) -> Ratios {
