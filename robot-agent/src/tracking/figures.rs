@@ -14,6 +14,7 @@
 //! Shadows, robots and chairs explain nothing as a person and are left. What a person covers is learnt while nobody is near
 //! (see [`Shape`]), so that the next one who comes beside stands out, and clothes like the wall are not missed.
 
+mod grey;
 mod silhouette;
 
 pub(super) use silhouette::Shape;
@@ -21,6 +22,8 @@ pub(super) use silhouette::Shape;
 use std::sync::Arc;
 
 use silhouette::{CELL, LEVELS, Silhouette, Silhouettes};
+
+use protocol::appearance::Appearance;
 
 use super::View;
 use super::people::Robot;
@@ -78,6 +81,8 @@ pub(super) struct Sought<'a> {
     pub(super) shape: &'a Shape,
     /// Of two at one distance the one with more owns what both cover.
     pub(super) seniority: u32,
+    /// Grey levels by height, where enough is known of them.
+    pub(super) looks: Option<&'a Appearance>,
 }
 
 /// A body in this frame.
@@ -128,6 +133,8 @@ pub(super) struct Figures {
     /// Share of a cell's pixels that are marked, and weight of the cell (0: not tested).
     marked: Vec<f32>,
     weight: Vec<f32>,
+    /// Logarithm of the mean grey level of the marked pixels of each cell.
+    log_grey: Vec<f32>,
     /// Share marked in the upper quarter of each column of cells.
     upper: Vec<f32>,
     column_rad: f64,
@@ -145,7 +152,7 @@ impl Figures {
         let highest = view.angles_rad(0.0, 0.0)?.1;
         let highest_m = (0..LEVELS).map(|l| camera_m + silhouettes.average(l).range_m * highest.tan()).collect();
         let column_rad = view.steps_rad(0.0, raster.height as f64 / 2.0)[0];
-        let (marked, weight) = (vec![0.0; len], vec![0.0; len]);
+        let (marked, weight, log_grey) = (vec![0.0; len], vec![0.0; len], vec![0.0; len]);
         // A ring that is narrower than somebody nearby is no panorama.
         (2 * pad < columns).then_some(Self {
             raster: *raster,
@@ -156,6 +163,7 @@ impl Figures {
             pad,
             marked,
             weight,
+            log_grey,
             upper: vec![0.0; columns],
             column_rad,
         })
@@ -174,9 +182,11 @@ impl Figures {
             let lines = row * CELL[1]..((row + 1) * CELL[1]).min(h);
             for cell in 0..self.columns {
                 let across = cell * CELL[0]..((cell + 1) * CELL[0]).min(w);
-                let (mut marks, mut tested) = (0u32, 0u32);
+                let (mut marks, mut tested, mut grey) = (0u32, 0u32, 0u32);
                 for y in lines.clone() {
                     let at = y * w + across.start..y * w + across.end;
+                    let levels = scene.mask[at.clone()].iter().zip(&scene.picture[at.clone()]);
+                    grey += levels.map(|(m, p)| u32::from(*m) * u32::from(*p)).sum::<u32>();
                     marks += scene.mask[at.clone()].iter().map(|m| u32::from(*m)).sum::<u32>();
                     tested += scene.valid[at].iter().map(|v| u32::from(*v)).sum::<u32>();
                 }
@@ -186,6 +196,7 @@ impl Figures {
                 });
                 let i = row * stride + self.pad + cell;
                 self.marked[i] = marks as f32 / tested.max(1) as f32;
+                self.log_grey[i] = if marks > 0 { (grey as f32 / marks as f32).max(1.0).ln() } else { 0.0 };
                 self.weight[i] = if known { 0.0 } else { tested as f32 / (CELL[0] * CELL[1]) as f32 };
             }
         }
@@ -194,7 +205,7 @@ impl Figures {
             let sum: f32 = (0..upper_rows).map(|row| self.marked[row * stride + self.pad + cell]).sum();
             *upper = sum / upper_rows as f32;
         }
-        for values in [&mut self.marked, &mut self.weight] {
+        for values in [&mut self.marked, &mut self.weight, &mut self.log_grey] {
             repeat_ends(values, self.columns, self.pad);
         }
     }
@@ -213,6 +224,7 @@ impl Figures {
             .collect();
         let mut order: Vec<usize> = (0..sought.len()).collect();
         order.sort_by(|a, b| sought[*a].range_m.total_cmp(&sought[*b].range_m));
+        let contested = self.contested(sought);
         // Who stands beside somebody known, taken for one with him until now.
         let mut beside: Vec<Place> = Vec::new();
         for round in 0..ROUNDS {
@@ -220,7 +232,7 @@ impl Figures {
             for &k in &order {
                 let others = places.iter().enumerate().filter(|(j, _)| *j != k).map(|(_, p)| p);
                 let rest = self.rest(others.chain(&beside));
-                places[k] = self.best_place(&sought[k], &choices[k], &rest);
+                places[k] = self.best_place(&sought[k], &choices[k], &rest, contested[k]);
                 if round == 0
                     && let Some(pair) = self.two_instead(&places[k], &rest)
                 {
@@ -433,27 +445,30 @@ impl Figures {
             .collect()
     }
 
-    fn best_place(&self, sought: &Sought<'_>, choices: &[Place], rest: &Rest) -> Place {
+    fn best_place(&self, sought: &Sought<'_>, choices: &[Place], rest: &Rest, contested: bool) -> Place {
         let reach = ((2.5 * sought.column_sigma / CELL[0] as f64).ceil() as i64 + 1).min(MOST_REACH);
-        let level = silhouette::level_of_range(sought.range_m);
-        let level_sigma = sought.log_range_sigma.max(LEAST_LOG_RANGE_SIGMA) / level_log_step();
         let full = choices.iter().map(|p| p.silhouette.full).fold(1.0, f32::max);
-        let scale = FULL_EVIDENCE / f64::from(full);
-        let mut best = (f64::NEG_INFINITY, &choices[0], 0);
+        let mut best = (f64::NEG_INFINITY, choices[0].clone());
         for place in choices {
-            let pull_level = (place.level as f64 - level) / level_sigma;
             for step in -reach..=reach {
-                let column = self.column_of(place.cell + step);
-                let pull = self.raster.column_difference(column, sought.column) / sought.column_sigma;
-                let gain = f64::from(self.gain(place.cell + step, &place.silhouette, rest));
-                let total = scale * gain - 0.5 * (pull * pull + pull_level * pull_level);
+                let place = Place { cell: (place.cell + step).rem_euclid(self.columns as i64), ..place.clone() };
+                let total = self.score(sought, &place, rest, full, contested);
                 if total > best.0 {
-                    best = (total, place, step);
+                    best = (total, place);
                 }
             }
         }
-        let (_, place, step) = best;
-        Place { cell: (place.cell + step).rem_euclid(self.columns as i64), ..place.clone() }
+        best.1
+    }
+
+    /// How much speaks for somebody at a place, nats: marks, where he should be, and what he looks like if that is `contested`.
+    fn score(&self, sought: &Sought<'_>, place: &Place, rest: &Rest, full: f32, contested: bool) -> f64 {
+        let level_sigma = sought.log_range_sigma.max(LEAST_LOG_RANGE_SIGMA) / level_log_step();
+        let pull_level = (place.level as f64 - silhouette::level_of_range(sought.range_m)) / level_sigma;
+        let pull = self.raster.column_difference(self.column_of(place.cell), sought.column).abs() / sought.column_sigma;
+        let gain = f64::from(self.gain(place.cell, &place.silhouette, rest));
+        let likeness = sought.looks.filter(|_| contested).map_or(0.0, |looks| self.likeness(place, looks, rest));
+        FULL_EVIDENCE / f64::from(full) * gain + likeness - 0.5 * (pull * pull + pull_level * pull_level)
     }
 
     /// Whether there is a gap down the middle of a body so near that trunk or hips must close it: they are several.

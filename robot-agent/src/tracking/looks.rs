@@ -96,6 +96,11 @@ impl Looks {
         (self.known.seen() >= 2).then_some(&self.known)
     }
 
+    /// The same where it was seen apart for long enough to be told from others.
+    pub(super) fn firm(&self) -> Option<&Appearance> {
+        self.known().filter(|_| self.sights >= KNOWN_SIGHTS)
+    }
+
     /// Whether it may be somebody else than it was.
     pub(super) fn in_doubt(&self) -> bool {
         self.doubtful

@@ -1,10 +1,11 @@
 //! Following people by the figures they make (see [`super::figures`]): tracks predict them, the frame places them.
 
 use protocol::id::TrackId;
+use protocol::message::TrackState;
 use protocol::time::Timestamp;
 
 use super::body::solid_rows;
-use super::figures::{Figure, Sought};
+use super::figures::{Figure, Figures, Sought};
 use super::track::Sighting;
 use super::{PeerBearing, Tracker, association, looks};
 use crate::motion::{Object, Region, Scene};
@@ -26,6 +27,13 @@ const MOVING: f64 = 0.4;
 /// their sides while they drive, radians.
 const ROBOT_TOP_RAD: f64 = 0.04;
 const ROBOT_SIDE_RAD: f64 = 0.02;
+
+/// Somebody who was with others comes out no further from where he was placed than this, metres, nor at a distance that
+/// differs more (a logarithm); so much of what speaks for him there may speak for him where he was placed; and so alike he is.
+const OUT_M: f64 = 0.7;
+const OUT_LOG_RANGE: f64 = 0.5;
+const MOST_ELSEWHERE: f32 = 0.5;
+const LEAST_ALIKE: f64 = -1.0;
 
 /// Middle column, half width in columns and first row of a fellow robot.
 pub(super) type Robot = (f64, f64, usize);
@@ -79,6 +87,14 @@ impl Tracker {
         for (figure, look) in all[known..].iter().zip(looks) {
             let Some(look) = look.filter(|l| !l.ghost) else { continue };
             let enough = figure.own >= NEW_OWN && figure.support >= NEW_SUPPORT;
+            if enough && let Some(t) = self.member_at(figure, &look.sighting, &all[..known], &figures) {
+                // One of those who were together has come out elsewhere than where he was placed.
+                let track = &mut self.tracks[t];
+                self.areas.retain(|(id, _)| *id != track.id);
+                self.areas.push((track.id, look.area));
+                track.comes_out(&look.sighting, capture, &self.raster);
+                continue;
+            }
             if enough && self.tracks.len() < association::MAX_SIDE {
                 let returned = self.lost.take(look.sighting.axis, figure.range_m, capture, &self.raster);
                 if !look.sighting.moves && returned.is_none() {
@@ -104,6 +120,25 @@ impl Tracker {
         // Whom nothing speaks for that seniors do not explain is a part of them.
         self.keep_tracks(|t| t.evidence > LEAST_MEAN_EVIDENCE);
         self.figures = Some(figures);
+    }
+
+    /// Of those who were with others and for whom little speaks where they are, the one who may be seen here.
+    fn member_at(&self, found: &Figure, sighting: &Sighting, known: &[Figure], figures: &Figures) -> Option<usize> {
+        let reach = figures.columns_of(OUT_M, found.range_m);
+        let may_be = |t: &usize| {
+            let (track, figure) = (&self.tracks[*t], &known[*t]);
+            let away = self.raster.column_difference(track.filter.column, sighting.axis).abs();
+            track.confirmed
+                && track.looks.in_doubt()
+                && track.state != TrackState::Visible
+                && figure.evidence < MOST_ELSEWHERE * found.evidence
+                && away < reach
+                && (found.range_m.ln() - track.log_range).abs() < OUT_LOG_RANGE
+        };
+        let alike = |t: usize| Some((t, self.tracks[t].looks.firm()?.log_ratio(&sighting.appearance)));
+        let members = (0..self.tracks.len().min(known.len())).filter(may_be).filter_map(alike);
+        let (t, _) = members.filter(|(_, nats)| *nats > LEAST_ALIKE).max_by(|a, b| a.1.total_cmp(&b.1))?;
+        Some(t)
     }
 
     /// Where fellow robots are.

@@ -115,6 +115,14 @@ pub(super) struct Sighting {
 }
 
 impl Sighting {
+    /// How well this frame tells the distance (sigma of its logarithm): worse where others stand behind, and not at all where they
+    /// are in front.
+    fn log_range_sigma(&self) -> Option<f64> {
+        const APART: f64 = 0.2;
+        const IN_FRONT: f64 = 0.35;
+        self.alone.then_some(if self.apart { APART } else { IN_FRONT })
+    }
+
     /// Centre row, width and height of the box.
     fn shape(&self) -> [f64; 3] {
         let [top, bottom] = self.rows.map(|r| r as f64);
@@ -193,6 +201,13 @@ impl Track {
         }
     }
 
+    /// It comes out from behind others, beside where it was thought to be.
+    pub(super) fn comes_out(&mut self, s: &Sighting, now: Timestamp, raster: &Raster) {
+        self.filter = AxisFilter::new(s.axis, s.axis_sigma, 2.0 * s.trunk_width);
+        self.evidence = self.evidence.max(0.5);
+        self.see_figure(s, now, raster);
+    }
+
     /// It is somebody who was followed before, and stands where he stood.
     pub(super) fn returns(&mut self, looks: Looks) {
         self.looks = looks;
@@ -203,11 +218,17 @@ impl Track {
     pub(super) fn sought(&self) -> Sought<'_> {
         Sought {
             column: self.filter.column,
-            column_sigma: self.filter.sigma().hypot(0.15 * self.trunk_width).max(1.0),
+            column_sigma: match self.state {
+                // Where others hide a part of somebody, the same error is made frame after frame.
+                TrackState::Merged => self.filter.sigma().hypot(self.axis_sigma),
+                _ => self.filter.sigma().hypot(0.15 * self.trunk_width),
+            }
+            .max(1.0),
             range_m: self.log_range.exp(),
             log_range_sigma: self.log_range_sigma,
             shape: &self.figure_shape,
             seniority: self.hits,
+            looks: self.looks.firm(),
         }
     }
 
@@ -221,16 +242,14 @@ impl Track {
     pub(super) fn see_figure(&mut self, s: &Sighting, now: Timestamp, raster: &Raster) {
         let sigma = s.axis_sigma;
         self.filter.update(s.axis, sigma, raster);
-        // One frame's distance is known to a fifth.
-        const FRAME_SIGMA: f64 = 0.2;
         /// Nobody comes nearer or goes away by so much between frames.
         const ANOTHER: f64 = 0.5;
         if (s.range_m.ln() - self.log_range).abs() > ANOTHER {
             // It was taken for a nearer one, or for two.
             (self.log_range, self.log_range_sigma) = (s.range_m.ln(), 0.3);
             self.figure_shape = FigureShape::default();
-        } else if s.apart {
-            let gain = self.log_range_sigma.powi(2) / (self.log_range_sigma.powi(2) + FRAME_SIGMA * FRAME_SIGMA);
+        } else if let Some(sigma) = s.log_range_sigma() {
+            let gain = self.log_range_sigma.powi(2) / (self.log_range_sigma.powi(2) + sigma * sigma);
             self.log_range += gain * (s.range_m.ln() - self.log_range);
             self.log_range_sigma *= (1.0 - gain).sqrt();
         }

@@ -134,6 +134,12 @@ impl Silhouettes {
         &self.average[level]
     }
 
+    /// Height over the floor of a row of cells of somebody at a level, metres.
+    pub(super) fn height_m(&self, level: usize, row: usize) -> f64 {
+        let width = self.average[level].width();
+        self.places[level].get(row * width + width / 2).map_or(f64::NAN, |(_, z)| f64::from(*z))
+    }
+
     /// A known person at a level.
     pub(super) fn of(&self, shape: &Shape, level: usize) -> Arc<Silhouette> {
         let average = &self.average[level];

@@ -8,6 +8,8 @@ use crate::optics::{MountedCamera, Mounting, Pal};
 use crate::panorama::{PanoramaGeometry, Projection};
 use crate::tracking::{TrackView, Tracker, TrackerSettings};
 
+mod meeting;
+
 const CAMERA_M: f64 = 0.6;
 
 /// Somebody at a bearing (radians) and a distance (m): height, distance of the feet from the axis (m), rows that cannot be
@@ -103,8 +105,8 @@ impl Room {
     }
 
     fn look_at_the_mask(&mut self) {
-        let (raster, mask, valid) = (&self.raster, &self.mask, &self.valid);
-        self.figures.look(&Scene { raster, picture: mask, mask, magnitude: mask, valid, objects: &[] }, &[]);
+        let (raster, mask, valid, picture) = (&self.raster, &self.mask, &self.valid, &self.picture);
+        self.figures.look(&Scene { raster, picture, mask, magnitude: mask, valid, objects: &[] }, &[]);
     }
 
     fn scene(&self) -> Scene<'_> {
@@ -199,6 +201,7 @@ fn sought<'a>(figure: &Figure, shape: &'a Shape) -> Sought<'a> {
         log_range_sigma: 0.2,
         shape,
         seniority: 5,
+        looks: None,
     }
 }
 
@@ -254,6 +257,7 @@ fn at_truth<'a>(room: &Room, p: &Person, shape: &'a Shape) -> Sought<'a> {
         log_range_sigma: 0.1,
         shape,
         seniority: 5,
+        looks: None,
     }
 }
 

@@ -1,0 +1,78 @@
+//! People who meet: each goes on as who he was.
+
+use protocol::angle::difference;
+use protocol::appearance::{Appearance, BANDS, Band};
+use protocol::id::TrackId;
+
+use super::*;
+
+#[test]
+fn each_of_two_is_where_the_marks_look_like_him() {
+    let mut room = Room::new([-15.0, 20.0]);
+    let clothes = |gray: u8| Appearance([Some(Band::of(f64::from(gray), 5.0)); BANDS]);
+    let (dark, bright) = (clothes(40), clothes(170));
+    let shape = Shape::default();
+    for [left, right] in [[40, 170], [170, 40]] {
+        for middle_deg in [0.0, 180.0] {
+            let people =
+                [(7.0, left), (-7.0, right)].map(|(aside, gray)| Person { gray, ..person(middle_deg + aside, 2.5) });
+            room.look(&people);
+            // Both are expected in the middle between them.
+            let middle = Person { bearing: f64::to_radians(middle_deg), ..people[0] };
+            let expected =
+                |looks| Sought { looks: Some(looks), column_sigma: 12.0, ..at_truth(&room, &middle, &shape) };
+            let found = room.figures.fit(&[expected(&dark), expected(&bright)]);
+            for (figure, gray) in found.iter().zip([40, 170]) {
+                let truth = people.iter().find(|p| p.gray == gray).unwrap();
+                let off = difference(room.geometry.bearing_of_column(figure.column), truth.bearing).to_degrees();
+                assert!(off.abs() < 3.0, "{gray} at {middle_deg}°, {left} on the left: {off:.1}° off");
+            }
+        }
+    }
+}
+
+/// Two come up to each other, one stands behind the other for as long, and they go: back, or on. The numbers before and after,
+/// of the one behind and of the one in front.
+fn meet(middle_deg: f64, stand_s: f64, back: bool) -> [[Option<TrackId>; 2]; 2] {
+    const WALK_S: f64 = 3.0;
+    const DEG_S: f64 = 18.0;
+    let mut room = Room::new([-15.0, 20.0]);
+    let mut tracker = Tracker::new(room.raster, room.view.clone(), TrackerSettings::default());
+    let mut ids = [[None; 2]; 2];
+    let frames = ((2.0 * WALK_S + stand_s) * 10.0) as i32;
+    for frame in 0..=frames {
+        let t = f64::from(frame) * 0.1;
+        let gone_s = (t - WALK_S - stand_s).max(0.0);
+        let aside = DEG_S * ((WALK_S - t).max(0.0) + if back { gone_s } else { -gone_s });
+        let behind = Person { gray: 40, ..person(middle_deg + aside, 2.6) };
+        let front = Person { gray: 170, ..person(middle_deg - aside, 1.8) };
+        room.look(&[behind, front]);
+        let walks = t < WALK_S || gone_s > 0.0;
+        let regions = crate::motion::group(&room.mask, &room.raster, [1, 1], 1);
+        let objects: Vec<_> = regions.into_iter().map(|region| Object { moves: walks, region, ghost: false }).collect();
+        let scene = Scene { picture: &room.picture, objects: &objects, ..room.scene() };
+        tracker.step(&scene, Timestamp::from_secs_f64(100.0 + t), &[]);
+        let at = |p: &Person| {
+            let near = |v: &&TrackView| difference(v.bearing_rad, p.bearing).abs() < (0.25 / p.range_m).atan();
+            let tracks = tracker.tracks();
+            let found: Vec<_> = tracks.iter().filter(near).map(|v| v.id).collect();
+            (found.len() == 1).then(|| found[0])
+        };
+        // Some frames before they come together, and some after they have parted.
+        if frame == 15 {
+            ids[0] = [at(&behind), at(&front)];
+        } else if frame == frames {
+            ids[1] = [at(&behind), at(&front)];
+        }
+    }
+    ids
+}
+
+#[test]
+fn two_who_pass_keep_their_numbers_and_so_do_two_who_turn_back_on_the_seam() {
+    for (middle_deg, back) in [(20.0, false), (180.0, true)] {
+        let [before, after] = meet(middle_deg, 0.5, back);
+        assert!(before.iter().all(Option::is_some), "at {middle_deg}°: {before:?}");
+        assert_eq!(before, after, "at {middle_deg}°, back {back}");
+    }
+}
