@@ -12,7 +12,8 @@ const MAX_ITERATIONS: usize = 60;
 const STEP: f64 = 1e-7;
 
 /// The most likely unknowns given `measured`, whose errors are `sigma` times what `noise` says: it knows the density of the tails,
-/// and begins at the truth, which no solver can. `None` where the iteration does not end.
+/// and begins at the truth, which no solver can: of several likeliest layouts it finds the right one. With tails its error is therefore a
+/// limit from below. `None` where the iteration does not end.
 pub fn estimate(
     scene: &Scene,
     measurements: &[Measurement],

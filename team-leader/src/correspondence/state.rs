@@ -168,6 +168,9 @@ impl State {
         if sight.merged {
             return;
         }
+        if let Some((foot_m, sigma_m)) = sight.cue.foot_m {
+            self.target.update_measured_range(seen.robot, &seen.pose, foot_m, sigma_m * sigma_m * repeat);
+        }
         let unsure = alone || self.target.sigma_m() > UNSURE_M;
         if let (true, Some((log_range, spread))) = (unsure, sight.cue.log_range) {
             let cue_m = log_range.exp();

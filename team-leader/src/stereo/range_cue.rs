@@ -2,7 +2,8 @@
 //!
 //! Heights and widths of people vary, feet are cut off near the camera and shadows lengthen them, so a cue only helps to
 //! decide which tracks of two robots are one object (ghosts of crossing rays have wrong ranges). It never enters an
-//! estimate of position that two robots measure. Where both ends are cut, the bounds remain: with the camera at 0.6 m a
+//! estimate of position that two robots measure, but for feet that a camera sees from high above: there an error of an elevation is
+//! a small one of the range (D/tan of it), furniture hides little, and the range is a measurement like a bearing. Where both ends are cut, the bounds remain: with the camera at 0.6 m a
 //! foot below −15° means nearer than 2.2 m. (`MATHS.md` §7.11.)
 
 use protocol::message::{ElevationEnd, TrackObservation, TrackState};
@@ -16,6 +17,11 @@ const LEAST_SPREAD: f64 = 0.08;
 const LEAST_ELEVATION_RAD: f64 = 0.02;
 /// Spread of a range from ground contact: shadows reach nearer than feet, furniture hides them.
 const FOOT_SPREAD: f64 = 0.15;
+/// Feet this far below the horizon are seen from high above, rad.
+const STEEP_RAD: f64 = 0.35;
+/// The lower edge of what is seen of somebody is the near end of a foot: nearer than the body's axis by half a foot, m; a stride
+/// makes it more or less (standard deviation).
+const HALF_FOOT_M: (f64, f64) = (0.13, 0.08);
 /// Tallest that is expected, in sigmas of the height.
 const TALL_SIGMAS: f64 = 2.0;
 /// A cue never costs more: it may be wrong altogether (half a body, two people).
@@ -37,13 +43,15 @@ pub struct RangeCue {
     pub log_range: Option<(f64, f64)>,
     /// The object is nearer than this, m.
     pub upper_m: f64,
+    /// Range of the body's axis by feet seen from high above, with its standard deviation, m.
+    pub foot_m: Option<(f64, f64)>,
     /// Its top is seen, and lower than anybody's: a shadow, a chair, a robot.
     pub low: bool,
 }
 
 impl RangeCue {
     /// Nothing is known.
-    pub const NONE: Self = Self { log_range: None, upper_m: f64::INFINITY, low: false };
+    pub const NONE: Self = Self { log_range: None, upper_m: f64::INFINITY, foot_m: None, low: false };
 
     /// From one observation of a track; `person_height_m` is mean and standard deviation.
     pub fn of(track: &TrackObservation, camera: CameraFacts, person_height_m: (f64, f64)) -> Self {
@@ -55,12 +63,18 @@ impl RangeCue {
         let (mean_m, spread_m) = person_height_m;
         let mut cues: Vec<(f64, f64)> = Vec::new();
         let mut upper_m = f64::INFINITY;
+        let mut steep_m = None;
         if let Some(range) = track.range {
             let m = range.range.m().max(0.1);
             cues.push((m.ln(), (range.sigma.value() / m).max(FOOT_SPREAD)));
         }
         if low < -LEAST_ELEVATION_RAD {
             let foot_m = camera.height_m / (-low).tan();
+            if track.ends[0] == ElevationEnd::Seen && low < -STEEP_RAD {
+                let by_angle = (foot_m.powi(2) + camera.height_m.powi(2)) / camera.height_m * sigma;
+                let spread = by_angle.hypot(HALF_FOOT_M.1);
+                steep_m = Some((foot_m + HALF_FOOT_M.0, spread));
+            }
             match track.ends[0] {
                 ElevationEnd::Seen if track.range.is_none() => {
                     let error = (foot_m.powi(2) + camera.height_m.powi(2)) / (camera.height_m * foot_m) * sigma;
@@ -90,7 +104,7 @@ impl RangeCue {
         let log_range = (weight > 0.0)
             .then(|| (cues.iter().map(|(m, s)| m * s.powi(-2)).sum::<f64>() / weight, weight.sqrt().recip()));
         let low = track.ends[1] == ElevationEnd::Seen && high < 2.0 * sigma && camera.height_m < 1.2;
-        Self { log_range, upper_m, low }
+        Self { log_range, upper_m, foot_m: steep_m, low }
     }
 
     /// How badly a range fits: squared sigmas, at most [`MOST_COST`].
@@ -143,6 +157,24 @@ mod tests {
                 assert!(cue.cost(range_m) < 4.0, "{range_m} {height_m} {cue:?}");
                 assert!(cue.cost(range_m * 2.0) > 3.0 + cue.cost(range_m), "{range_m} {height_m} {cue:?}");
             }
+        }
+    }
+
+    #[test]
+    fn feet_seen_from_high_above_measure_the_range_and_others_do_not() {
+        let low = CameraFacts { height_m: 0.6, tilt_sigma_rad: 0.0 };
+        assert_eq!(RangeCue::of(&person(2.5, 1.7), low, (1.72, 0.12)).foot_m, None);
+        let high = CameraFacts { height_m: 2.2, tilt_sigma_rad: 0.0 };
+        for range_m in [1.5, 3.0, 5.0] {
+            let mut seen = person(range_m, 1.7);
+            let near_m: f64 = range_m - 0.13;
+            seen.elevation = [Angle16::from_rad((-2.2 / near_m).atan()), Angle16::from_rad((-0.5 / range_m).atan())];
+            seen.ends = [ElevationEnd::Seen; 2];
+            let (found_m, sigma_m) = RangeCue::of(&seen, high, (1.72, 0.12)).foot_m.unwrap();
+            assert!((found_m - range_m).abs() < 0.01, "{found_m} m at {range_m} m");
+            assert!((0.04..0.25).contains(&sigma_m), "{sigma_m} m at {range_m} m");
+            seen.ends[0] = ElevationEnd::Hidden;
+            assert_eq!(RangeCue::of(&seen, high, (1.72, 0.12)).foot_m, None);
         }
     }
 

@@ -21,6 +21,17 @@ const NEW_VELOCITY_MPS: f64 = 0.7;
 /// Before its first bearings a target may be anywhere this far around, m.
 const NEW_POSITION_M: f64 = 5.0;
 
+/// A measured range further from what is expected is of something else (feet that something hides), sigmas.
+pub const RANGE_GATE_SIGMAS: f64 = 2.5;
+
+/// How a range fits.
+struct RangeInnovation {
+    residual: f64,
+    var: f64,
+    own: RowVector4<f64>,
+    to_pose: RowVector3<f64>,
+}
+
 /// A target's filter.
 #[derive(Debug, Clone)]
 pub struct Target {
@@ -179,16 +190,39 @@ impl Target {
 
     /// Uses a range along the floor from a robot (weak; for targets that one robot alone sees).
     pub fn update_range(&mut self, pose: &Pose2, range_m: f64, var: f64) {
+        self.use_range(&self.range_innovation(pose, range_m, var), var, None);
+    }
+
+    /// Uses a measured range along the floor from a robot, whose pose's error it shares from then on; not beyond
+    /// [`RANGE_GATE_SIGMAS`].
+    pub fn update_measured_range(&mut self, robot: usize, pose: &Pose2, range_m: f64, var: f64) {
+        let innovation = self.range_innovation(pose, range_m, var);
+        if innovation.residual.powi(2) <= RANGE_GATE_SIGMAS.powi(2) * innovation.var {
+            self.use_range(&innovation, var, Some(robot));
+        }
+    }
+
+    fn range_innovation(&self, pose: &Pose2, range_m: f64, var: f64) -> RangeInnovation {
         let from = [pose.x_m, pose.y_m, pose.heading_rad];
-        let (predicted, _, to_point) = kernel::distance(from, [self.mean[0], self.mean[1]]);
+        let (predicted, to_pose, to_point) = kernel::distance(from, [self.mean[0], self.mean[1]]);
         let own = RowVector4::new(to_point[0], to_point[1], 0.0, 0.0);
-        let s = (own * self.cov * own.transpose())[0] + var;
-        let gain = self.cov * own.transpose() / s;
-        let keep = Matrix4::identity() - gain * own;
-        self.mean += gain * (range_m - predicted);
+        let var = (own * self.cov * own.transpose())[0] + var;
+        RangeInnovation { residual: range_m - predicted, var, own, to_pose: RowVector3::from(to_pose) }
+    }
+
+    fn use_range(&mut self, innovation: &RangeInnovation, var: f64, robot: Option<usize>) {
+        let gain = self.cov * innovation.own.transpose() / innovation.var;
+        let keep = Matrix4::identity() - gain * innovation.own;
+        self.mean += gain * innovation.residual;
         self.cov = keep * self.cov * keep.transpose() + gain * var * gain.transpose();
-        for (_, d) in &mut self.dependence {
+        if let Some(robot) = robot.filter(|robot| !self.dependence.iter().any(|(r, _)| r == robot)) {
+            self.dependence.push((robot, Matrix4x3::zeros()));
+        }
+        for (r, d) in &mut self.dependence {
             *d = keep * *d;
+            if robot == Some(*r) {
+                *d -= gain * innovation.to_pose;
+            }
         }
     }
 
