@@ -19,21 +19,23 @@ pub fn cmc(r: &cmc::Report) -> String {
 
 /// Of `replay mrclam`.
 pub fn mrclam(r: &mrclam::Report) -> String {
+    let mutual = match r.mutual {
+        0 => format!("no two robots saw each other within {} s: no relative pose to score", mrclam::MUTUAL_S),
+        n => format!(
+            "{n} mutual sightings: {:.3} m and {:.2}° median; NEES/3 {:.2} mean, {:.2} by its median",
+            r.mutual_m, r.mutual_deg, r.nees, r.nees_median
+        ),
+    };
     let mut text = format!(
         "{} robots, {} sightings of each other; left out: {} readings of landmarks, {} of barcodes that nobody wears\n\
          wheels do what they are told {:.0} ms late by the innovations\n\
-         {} mutual sightings: {:.3} m and {:.2}° median; NEES/3 {:.2} mean, {:.2} by its median\n\n\
+         {mutual}\n\n\
          {:<8} {:>9} {:>10} {:>17} {:>6}\n",
         r.robots,
         r.sightings,
         r.landmarks,
         r.unknown_barcodes,
         1e3 * r.wheel_lag_s,
-        r.mutual,
-        r.mutual_m,
-        r.mutual_deg,
-        r.nees,
-        r.nees_median,
         "pair",
         "instants",
         "median m",

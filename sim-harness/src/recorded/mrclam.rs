@@ -44,7 +44,7 @@ const TICK_S: f64 = 0.1;
 /// Wheels that are not heard for longer stand, seconds.
 const WHEELS_SILENT_S: f64 = 1.0;
 /// Two sightings of each other within this are mutual, seconds.
-const MUTUAL_S: f64 = 0.5;
+pub const MUTUAL_S: f64 = 0.5;
 /// Truth is taken between poses no further apart than this, seconds.
 const TRUTH_GAP_S: f64 = 0.5;
 /// Between the instants at which pairs are scored, seconds.
