@@ -72,11 +72,13 @@ pub enum Kind {
     ReplayStart = 13,
     /// [`crate::message::Candidacy`].
     Candidacy = 14,
+    /// [`crate::message::Recent`].
+    Recent = 15,
 }
 
 impl Kind {
     /// All kinds, in the order of their numbers.
-    pub const ALL: [Self; 14] = [
+    pub const ALL: [Self; 15] = [
         Self::Announcement,
         Self::Observation,
         Self::Alarm,
@@ -91,6 +93,7 @@ impl Kind {
         Self::MapJson,
         Self::ReplayStart,
         Self::Candidacy,
+        Self::Recent,
     ];
 
     /// The kind of that number.
@@ -115,6 +118,7 @@ impl Kind {
             Self::MapJson => "map as JSON",
             Self::ReplayStart => "replay start",
             Self::Candidacy => "candidacy",
+            Self::Recent => "recent observations",
         }
     }
 
@@ -123,7 +127,7 @@ impl Kind {
     pub const fn max_bytes(self) -> usize {
         match self {
             Self::Announcement | Self::Health => 4 << 10,
-            Self::Observation => 16 << 10,
+            Self::Observation | Self::Recent => 16 << 10,
             Self::Alarm => 512,
             Self::Command | Self::Guidance => 256,
             Self::CommandReply => 1 << 10,

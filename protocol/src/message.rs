@@ -11,6 +11,7 @@ pub mod health;
 pub mod map;
 pub mod observation;
 pub mod picture;
+pub mod recent;
 pub mod replay;
 #[cfg(test)]
 pub(crate) mod samples;
@@ -28,4 +29,5 @@ pub use observation::{
     TrackObservation, TrackState,
 };
 pub use picture::PictureKind;
+pub use recent::Recent;
 pub use replay::ReplayStart;

@@ -26,7 +26,10 @@ impl Timestamp {
 
     /// `self − earlier` in seconds, signed, exact to the nanosecond for spans below a hundred days.
     pub fn seconds_since(self, earlier: Self) -> f64 {
-        (i128::from(self.0) - i128::from(earlier.0)) as f64 * 1e-9
+        match self.0.checked_signed_diff(earlier.0) {
+            Some(ns) => ns as f64 * 1e-9,
+            None => (i128::from(self.0) - i128::from(earlier.0)) as f64 * 1e-9,
+        }
     }
 
     /// The instant `seconds` later (earlier where negative), clamped to the epoch.

@@ -46,8 +46,8 @@ pub use presence::{AliveToken, Presences, Sign};
 pub use publisher::{Publisher, TextPublisher};
 pub use qos::{Qos, qos};
 pub use question::{
-    Answered, Asked, AskedMap, AskedMapJson, AskedPicture, AskedReplayStart, EncodedPicture, MAX_WAITING_QUESTIONS,
-    Question, Questions,
+    Answered, Asked, AskedMap, AskedMapJson, AskedPicture, AskedRecent, AskedReplayStart, EncodedPicture,
+    MAX_WAITING_QUESTIONS, Question, Questions,
 };
 pub use subscriber::{Received, Subscriber};
 pub use throttle::{Pace, pace};

@@ -4,6 +4,8 @@
 //! In a simulated run nothing is on a wire; its bytes are computed by [`modelled_wire_bytes`]: Zenoh's frame as measured, and
 //! the TCP/IP headers of the segments.
 
+pub mod interface;
+
 use std::collections::BTreeMap;
 
 use protocol::codec::Kind;

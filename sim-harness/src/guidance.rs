@@ -14,7 +14,6 @@ use protocol::frames::Pose2;
 use protocol::message::{Guidance, TeamMap};
 use serde::Serialize;
 use team_leader::leader::Anchor;
-use team_leader::team_map::build::target_covariance;
 
 use crate::recorded::RecordedError;
 use crate::recorded::feed::Feed;
@@ -141,7 +140,7 @@ impl Errors {
             people.iter().map(|p| map.targets.iter().map(|t| (at(t) - p).norm()).collect()).collect();
         for (row, column) in assign(&distances, GATE_M).into_iter().enumerate() {
             let Some(column) = column else { continue };
-            let Some(cov) = target_covariance(map, &map.targets[column]) else { continue };
+            let Some(cov) = map.covariance_of(&map.targets[column]) else { continue };
             self.count += 1;
             self.squares += distances[row][column].powi(2);
             self.stated += cov[(0, 0)] + cov[(1, 1)];

@@ -8,6 +8,7 @@
 //! rooms, like a house. The senders do what an agent's shell does (announcement, token, observations, health, clock probes) without
 //! an agent's pictures. With two processors the leader is pinned to one and the senders to the other.
 
+mod judge;
 pub mod leader;
 pub mod room;
 pub mod sender;
@@ -34,6 +35,8 @@ pub const MAX_ROBOTS: usize = protocol::message::map::MAX_ROBOTS;
 const START_LIMIT: Duration = Duration::from_secs(20);
 /// Left out of the figures: joining, first calibration.
 const SETTLING: Duration = Duration::from_secs(5);
+/// Memory counts from here on, at the latest: by then all that is kept for seconds is full.
+const FILLING: Duration = Duration::from_secs(60);
 /// Between two looks at the leader's memory.
 const LOOK_PERIOD: Duration = Duration::from_secs(1);
 
@@ -46,10 +49,26 @@ pub struct Load {
     pub rate_hz: f64,
     /// How long, seconds, after 5 s of settling.
     pub duration_s: f64,
-    /// Seed of places and noise.
+    /// Seed of the noise.
     pub seed: u64,
+    /// Whether robots wear codes; if not, all look alike and the leader finds out who is in which room.
+    pub coded: bool,
     /// Whether leader and senders are pinned to processors 0 and 1.
     pub pinned: bool,
+}
+
+impl Load {
+    fn room(&self, number: usize) -> Room {
+        let room = Room::new(number, self.seed);
+        if self.coded { room.with_codes() } else { room }
+    }
+
+    /// Robots that are tied to another one, and people whom two robots see: a robot that is alone in the last room is neither.
+    fn there(&self) -> [usize; 2] {
+        let (full, rest) = (self.robots / ROOM, self.robots % ROOM);
+        let robots = ROOM * full + if rest > 1 { rest } else { 0 };
+        [robots, ROOM * (full + usize::from(rest > 1))]
+    }
 }
 
 /// What came out.
@@ -73,9 +92,15 @@ pub struct Figures {
     pub maps: u64,
     /// Robots with a place, people in the last map.
     pub placed: [usize; 2],
-    /// Resident memory of the leader after settling and at the end, MB.
+    /// Of these, the ones that are where they are shown, and how many there are: robots (5 cm) and people (0.5 m).
+    pub right: [[usize; 2]; 2],
+    /// Least part of robots and people that were shown where they are in any look once a second after settling.
+    pub least_right: [f64; 2],
+    /// When all robots were placed rightly, seconds after the start.
+    pub all_placed_s: Option<f64>,
+    /// Resident memory of the leader after a minute (after half of a shorter run), when its windows are full, and at the end, MB.
     pub memory_mb: [f64; 2],
-    /// Open files of the leader after settling and at the end.
+    /// Open files of the leader at the same times.
     pub open_files: [usize; 2],
 }
 
@@ -175,7 +200,7 @@ async fn measure_async(
     let (stop, stopped) = tokio::sync::watch::channel(sender::Conduct::default());
     let mut senders = Vec::new();
     for index in 0..load.robots {
-        let room = Room::new(index / ROOM, load.seed);
+        let room = load.room(index / ROOM);
         senders.push(sender::start(team, room, index, load.rate_hz, &[endpoint.to_owned()], stopped.clone()).await?);
     }
     let clock = Clock::system();
@@ -183,7 +208,10 @@ async fn measure_async(
     let mut tick = tokio::time::interval(LOOK_PERIOD);
     let began = Instant::now();
     let total = SETTLING + Duration::from_secs_f64(load.duration_s);
-    let (mut settled, mut ages, mut count, mut last_map) = (None, Vec::new(), 0, None);
+    let (mut settled, mut filled, mut ages, mut count) = (None, None, Vec::new(), 0);
+    let (mut last_map, mut all_placed_s, mut least_right) = (None, None, [1.0_f64; 2]);
+    let rooms: Vec<Room> = (0..load.robots.div_ceil(ROOM)).map(|number| load.room(number)).collect();
+    let there = load.there();
     while began.elapsed() < total {
         tokio::select! {
             Some(map) = maps.recv() => {
@@ -198,12 +226,24 @@ async fn measure_async(
                 if settled.is_none() && began.elapsed() >= SETTLING {
                     settled = Some((figures, Instant::now()));
                 }
+                if filled.is_none() && began.elapsed() >= FILLING.min(total / 2) {
+                    filled = Some(figures);
+                }
+                if let Some(map) = &last_map {
+                    let right = judge::right(map, &rooms);
+                    if right[0] == there[0] {
+                        all_placed_s.get_or_insert(began.elapsed().as_secs_f64());
+                    }
+                    for k in (0..2).filter(|_| settled.is_some()) {
+                        least_right[k] = least_right[k].min(right[k] as f64 / there[k].max(1) as f64);
+                    }
+                }
                 progress(began.elapsed().as_secs_f64(), figures);
             }
         }
     }
     let end = look()?;
-    let (start, since) = settled.unwrap_or((end, began));
+    let ((start, since), filled) = (settled.unwrap_or((end, began)), filled.unwrap_or(end));
     stop.send_modify(|conduct| conduct.stopped = true);
     let mut sent = 0;
     for sender in senders {
@@ -213,6 +253,7 @@ async fn measure_async(
     let placed = last_map.as_ref().map_or([0, 0], |map| {
         [map.robots.iter().filter(|robot| robot.team_from_body.is_some()).count(), map.targets.len()]
     });
+    let right = last_map.as_ref().map_or([0, 0], |map| judge::right(map, &rooms));
     let megabytes = |figures: &ProcessFigures| figures.resident_bytes as f64 * 1e-6;
     Ok(Figures {
         load: load.clone(),
@@ -224,8 +265,11 @@ async fn measure_async(
         lost: 0,
         maps: count,
         placed,
-        memory_mb: [megabytes(&start), megabytes(&end)],
-        open_files: [start.open_files, end.open_files],
+        right: [[right[0], there[0]], [right[1], there[1]]],
+        least_right,
+        all_placed_s,
+        memory_mb: [megabytes(&filled), megabytes(&end)],
+        open_files: [filled.open_files, end.open_files],
     })
 }
 

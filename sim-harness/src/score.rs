@@ -179,7 +179,8 @@ impl Scorer {
             return None;
         };
         let team_from_room = room_from_team.inverse();
-        let joint = joint_covariance(map);
+        // Of the team's component, whose frame is compared with the truth.
+        let joint = map.joint_covariance_of(0).unwrap_or_else(|| DMatrix::zeros(0, 0));
         let mut errors = MapErrors {
             time_s: truth.time_s,
             robots: self.robots(truth, map, team_from_room, &joint, sampled),
@@ -220,11 +221,8 @@ impl Scorer {
         let mut errors = Vec::new();
         let mut joint_error = Vec::new();
         let mut entries = Vec::new();
-        let with_pose = map.robots.iter().filter_map(|r| r.team_from_body.map(|pose| (r, pose)));
+        let with_pose = map.placed(0).filter_map(|r| r.team_from_body.map(|pose| (r, pose)));
         for (index, (robot, pose)) in with_pose.enumerate() {
-            if robot.component != 0 {
-                continue;
-            }
             let Some(actual) = truth.robots.iter().find(|t| t.id == robot.id) else { continue };
             let expected = team_from_room * actual.room_from_body;
             let apart = pose.position() - expected.position();
@@ -281,12 +279,10 @@ impl Scorer {
         sampled: bool,
         errors: &mut MapErrors,
     ) {
-        let places: Vec<Vector2<f64>> = map
-            .targets
-            .iter()
-            .map(|t| room_from_team.transform(Vector2::new(t.position_m[0], t.position_m[1])))
-            .collect();
-        let ids: Vec<TargetId> = map.targets.iter().map(|t| t.id).collect();
+        let in_frame: Vec<&MapTarget> = map.targets.iter().filter(|t| t.component == 0).collect();
+        let places: Vec<Vector2<f64>> =
+            in_frame.iter().map(|t| room_from_team.transform(Vector2::new(t.position_m[0], t.position_m[1]))).collect();
+        let ids: Vec<TargetId> = in_frame.iter().map(|t| t.id).collect();
         let distance = |person: &PersonTruth, place: &Vector2<f64>| (place - Vector2::from(person.position_m)).norm();
         let distances: Vec<Vec<f64>> =
             truth.people.iter().map(|person| places.iter().map(|place| distance(person, place)).collect()).collect();
@@ -321,10 +317,13 @@ impl Scorer {
             if second_nearest_m(person, &truth.robots) <= NEAR_M {
                 self.sums.near_targets.add_square(square);
             }
-            let target = &map.targets[column];
-            let covariance = target_covariance(target, joint);
+            let target = in_frame[column];
+            let covariance = target.covariance(joint).unwrap_or_default().fixed_view::<2, 2>(0, 0).into_owned();
             let apart = room_from_team.rotation().transpose() * (places[column] - Vector2::from(person.position_m));
-            let sample = mahalanobis2(&DVector::from_row_slice(apart.as_slice()), &covariance);
+            let sample = mahalanobis2(
+                &DVector::from_row_slice(apart.as_slice()),
+                &DMatrix::from_column_slice(2, 2, covariance.as_slice()),
+            );
             if let (true, Some(sample)) = (sampled, sample) {
                 self.sums.target_nees.add(sample, 2);
             }
@@ -355,33 +354,6 @@ fn second_nearest_m(person: &PersonTruth, robots: &[RobotTruth]) -> f64 {
     let mut distances: Vec<f64> = robots.iter().map(|r| (r.room_from_body.position() - at).norm()).collect();
     distances.sort_by(f64::total_cmp);
     distances.get(1).copied().unwrap_or(f64::INFINITY)
-}
-
-/// The robots' joint covariance as a matrix, 3 rows for each robot with a pose.
-pub fn joint_covariance(map: &TeamMap) -> DMatrix<f64> {
-    let n = 3 * map.robots.iter().filter(|r| r.team_from_body.is_some()).count();
-    let mut matrix = DMatrix::zeros(n, n);
-    let mut values = map.joint_covariance.iter().map(|v| f64::from(*v));
-    for row in 0..n {
-        for column in row..n {
-            let value = values.next().unwrap_or(0.0);
-            matrix[(row, column)] = value;
-            matrix[(column, row)] = value;
-        }
-    }
-    matrix
-}
-
-/// own + J · joint · Jᵀ of (x, y).
-pub fn target_covariance(target: &MapTarget, joint: &DMatrix<f64>) -> DMatrix<f64> {
-    let [xx, xy, _, yy, ..] = target.own_covariance.map(f64::from);
-    let own = DMatrix::from_row_slice(2, 2, &[xx, xy, xy, yy]);
-    let n = joint.nrows();
-    if target.pose_jacobian.len() != 2 * n {
-        return own;
-    }
-    let jacobian = DMatrix::from_row_iterator(2, n, target.pose_jacobian.iter().map(|v| f64::from(*v)));
-    own + &jacobian * joint * jacobian.transpose()
 }
 
 #[cfg(test)]

@@ -102,6 +102,8 @@ pub struct TeamSettings {
     pub network: NetworkSettings,
     /// Text of the camera files that some robots (as the world names them) get instead of the scenario's.
     pub cameras: BTreeMap<RobotId, String>,
+    /// Nobody listens to a team over Zenoh and nobody asks for pictures: only robots and leader speak, and the outcome has bytes alone.
+    pub unwatched: bool,
 }
 
 impl TeamSettings {

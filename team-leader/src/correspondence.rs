@@ -25,7 +25,7 @@ mod state;
 mod upkeep;
 mod window;
 
-use std::collections::VecDeque;
+use std::collections::{BTreeMap, VecDeque};
 
 use nalgebra::{Matrix2, Matrix3, RowVector3, Vector2};
 use protocol::appearance::Appearance;
@@ -54,6 +54,8 @@ const MAX_TARGETS: usize = 256;
 const MAX_MEMORIES: usize = 1024;
 /// Part of a merged region's width that is the standard deviation of one object's bearing in it.
 const MERGED_SPREAD: f64 = 0.3;
+/// People are looked for so many times as often as owners are reconsidered, where both are done seldom.
+const BIRTHS_OFTENER: u32 = 5;
 /// Updates after which a target is believed.
 const CONFIRMED_UPDATES: u32 = 6;
 /// What a robot followed this long ago it still follows, seconds.
@@ -75,6 +77,9 @@ pub struct Follower {
     newest: Timestamp,
     /// Frames that left the window and were not taken yet.
     settled: Vec<SettledFrame>,
+    /// See [`Follower::be_thrifty`], and the frames of each robot.
+    thrift: u32,
+    turns: BTreeMap<usize, u32>,
 }
 
 /// One object.
@@ -143,7 +148,15 @@ impl Follower {
             next_id: 1,
             newest: Timestamp::default(),
             settled: Vec::new(),
+            thrift: 1,
+            turns: BTreeMap::new(),
         }
+    }
+
+    /// One of many components: every `thrift`-th frame of a robot is explained anew, and people are looked for in more, but not
+    /// in all of them. Wrong owners and new people are found later, at that part of the cost. Measured are all frames.
+    pub fn be_thrifty(&mut self, thrift: u32) {
+        self.thrift = thrift.max(1);
     }
 
     /// Frames whose owners have become final since the last call.
@@ -194,7 +207,8 @@ impl Follower {
             sight.appearance = memory.and_then(|m| m.appearance);
         }
         let config = self.config;
-        let context = Context { config: &config, calibrator };
+        let covariances: Vec<_> = calibrator.stations().map(|(r, _)| (r, calibrator.covariance(r, r))).collect();
+        let context = Context { config: &config, calibrator, covariances: &covariances };
         let owners = sights.iter().map(|s| self.memories.iter().find(|m| m.is(frame.robot, s.track))?.bound).collect();
         let seen = Seen {
             robot: frame.robot,
@@ -207,8 +221,16 @@ impl Follower {
             sights: sights.clone(),
         };
         self.keep(Kept { seen, owners }, &context);
-        self.reconsider(&context);
-        self.give_birth(frame, &sights, &context);
+        // Robots begin at different frames, so that their turns do not come together.
+        let turn = self.turns.entry(frame.robot).or_insert(frame.robot as u32);
+        *turn = turn.wrapping_add(1);
+        let turn = *turn;
+        if turn.is_multiple_of(self.thrift) {
+            self.reconsider(&context);
+        }
+        if turn.is_multiple_of(self.thrift.div_ceil(BIRTHS_OFTENER)) {
+            self.give_birth(frame, &sights, &context);
+        }
         self.keep_up(calibrator);
         self.keep_past();
     }
@@ -279,7 +301,7 @@ impl Followed {
 }
 
 /// Squared residual over its variance, and the variance, with the poses' errors (of each robot by itself).
-fn gate_distance2(innovation: &Innovation, target: &Target, m: &BearingFrom, calibrator: &Calibrator) -> (f64, f64) {
+fn gate_distance2(innovation: &Innovation, target: &Target, m: &BearingFrom, context: &Context<'_>) -> (f64, f64) {
     let mut var = innovation.var;
     let mut own_pose_counted = false;
     for (robot, d) in target.dependence() {
@@ -288,10 +310,10 @@ fn gate_distance2(innovation: &Innovation, target: &Target, m: &BearingFrom, cal
             row += innovation.to_pose();
             own_pose_counted = true;
         }
-        var += quadratic(&row, &calibrator.covariance(robot, robot));
+        var += quadratic(&row, &context.covariance(robot));
     }
     if !own_pose_counted {
-        var += quadratic(&innovation.to_pose(), &calibrator.covariance(m.robot, m.robot));
+        var += quadratic(&innovation.to_pose(), &context.covariance(m.robot));
     }
     (innovation.residual_rad.powi(2) / var, var)
 }

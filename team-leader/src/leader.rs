@@ -6,6 +6,7 @@
 //! ```
 
 mod alarms;
+pub mod components;
 pub mod config;
 mod consistency;
 mod guidance;
@@ -22,17 +23,14 @@ use protocol::fence::Fence;
 use protocol::id::{LeaderId, RobotId};
 use protocol::message::map::MAX_EXPLANATION_LEN;
 use protocol::message::{
-    Alarm, Announcement, Candidacy, ClockProbe, ClockReply, Guidance, Health, MapStatus, Observation, TeamMap,
+    Alarm, Announcement, Candidacy, ClockProbe, ClockReply, Guidance, Health, MapStatus, Observation, Recent, TeamMap,
 };
 use protocol::time::Timestamp;
 
-use crate::calibration::live::Calibrator;
-use crate::calibration::systematic::Systematic;
-use crate::correspondence::Follower;
 use crate::team_map::build::{RobotFacts, build};
 use alarms::AlarmLog;
+use components::{Component, Exchange};
 pub use config::{Anchor, CalibrationConfig, ClockConfig, GuidanceConfig, LeaderCoreConfig, TargetConfig};
-use guidance::Guide;
 use inherit::Heritage;
 use member::Member;
 use names::Names;
@@ -43,6 +41,10 @@ use succession::{Change, Succession};
 pub const MAX_ROBOTS: usize = protocol::message::map::MAX_ROBOTS;
 /// A leader that stood still for so long has been followed by another: it must not go on as if nothing had been.
 pub const THAW_AFTER: std::time::Duration = std::time::Duration::from_secs(1);
+/// So many robots have all of a leader's time. Of twice as many each has half of it: whatever can wait is done half as often.
+const FULL_CARE: usize = 10;
+/// Larger teams have a map at most so often, seconds.
+const MAP_INTERVAL_S: f64 = 0.015;
 /// Most distinct notices.
 const MAX_NOTICES: usize = 1000;
 
@@ -53,6 +55,8 @@ pub enum Input {
     Announcement(Announcement),
     /// A robot's frame.
     Observation(RobotId, Observation),
+    /// What a robot has seen of late, asked for when its token appeared.
+    Recent(RobotId, Recent),
     /// A robot's liveliness token appeared.
     RobotAlive(RobotId),
     /// A robot's liveliness token vanished.
@@ -105,13 +109,14 @@ pub enum Output {
 pub struct Leader {
     config: LeaderCoreConfig,
     members: Vec<Member>,
-    calibrator: Calibrator,
-    follower: Follower,
-    systematic: Systematic,
-    guide: Guide,
+    /// The first is the team's.
+    components: Vec<Component>,
+    exchange: Exchange,
     /// Capture of the newest admitted observation, leader's clock: the stamp of the map.
     newest: Option<Timestamp>,
     sequence: u64,
+    owes_map: bool,
+    last_map: Option<Timestamp>,
     told: BTreeSet<String>,
     succession: Succession,
     fence: Fence,
@@ -127,10 +132,8 @@ impl Leader {
     /// A leader that knows nobody yet.
     pub fn new(config: LeaderCoreConfig) -> Self {
         Self {
-            calibrator: Calibrator::new(config.calibration),
-            follower: Follower::new(config.targets),
-            systematic: Systematic::new(config.targets),
-            guide: Guide::default(),
+            components: vec![Component::first(&config)],
+            exchange: Exchange::default(),
             succession: Succession::new(config.leader, config.epoch, config.term, 0, config.listens_s),
             fence: Fence::default(),
             heritage: Heritage::default(),
@@ -142,6 +145,8 @@ impl Leader {
             members: Vec::new(),
             newest: None,
             sequence: 0,
+            owes_map: false,
+            last_map: None,
             told: BTreeSet::new(),
         }
     }
@@ -149,7 +154,7 @@ impl Leader {
     /// Works on one event. Outputs are appended in the order in which they should leave.
     pub fn handle(&mut self, now: Timestamp, input: Input, outputs: &mut Vec<Output>) {
         self.succeed(now, &input, outputs);
-        let mut used = false;
+        let mut used = None;
         match input {
             Input::Announcement(announcement) => {
                 let robot = announcement.robot;
@@ -157,10 +162,14 @@ impl Leader {
                 used = self.catch_up(now, robot, outputs);
             }
             Input::Observation(robot, observation) => used = self.observed(now, robot, observation, outputs),
+            Input::Recent(robot, recent) => {
+                self.remind(robot, recent);
+                used = self.catch_up(now, robot, outputs);
+            }
             Input::RobotAlive(robot) => {
                 if let Some(k) = self.member(robot, outputs) {
                     self.members[k].alive = true;
-                    self.calibrator.is_back(k);
+                    self.home(k).calibrator.is_back(k);
                 }
             }
             Input::RobotGone(robot) => {
@@ -187,10 +196,16 @@ impl Leader {
             | Input::Renewed
             | Input::Deadline => {}
         }
-        if used && self.succession.reign().is_some() {
-            outputs.push(Output::Map(self.map(now)));
-            self.guide(now, outputs);
+        self.owes_map |= used.is_some();
+        if self.succession.reign().is_none() {
+            self.owes_map = false;
+        } else if let Some(robot) = used {
+            self.guide(self.members[robot].component, now, outputs);
             self.tell_of_moved(outputs);
+        }
+        if self.owes_map && self.map_is_due(now) {
+            (self.owes_map, self.last_map) = (false, Some(now));
+            outputs.push(Output::Map(self.map(now)));
         }
         self.probe(now, outputs);
     }
@@ -198,7 +213,24 @@ impl Leader {
     /// When [`Input::Deadline`] is wanted at the latest. Earlier or repeated calls do no harm.
     pub fn next_deadline(&self) -> Option<Timestamp> {
         let probes = self.members.iter().filter_map(|m| m.next_probe(&self.config.clock));
-        probes.chain([self.succession.next()]).min()
+        let map = self.last_map.filter(|_| self.owes_map).map(|last| last.offset_by_secs(MAP_INTERVAL_S));
+        probes.chain([self.succession.next()]).chain(map).min()
+    }
+
+    /// Whether observations have been used that no map has shown yet.
+    pub fn owes_map(&self) -> bool {
+        self.owes_map
+    }
+
+    /// A small team has a map for every observation, a large one as often as anybody can use.
+    fn map_is_due(&self, now: Timestamp) -> bool {
+        let waits = |last: Timestamp| now.seconds_since(last) < MAP_INTERVAL_S;
+        self.thrift() == 1 || !self.last_map.is_some_and(waits)
+    }
+
+    /// How many times as many robots there are as have a leader's full care, at least 1.
+    fn thrift(&self) -> usize {
+        self.members.len().div_ceil(FULL_CARE).max(1)
     }
 
     /// Whether messages of this session are used: of two robots of one id neither is.
@@ -301,19 +333,23 @@ impl Leader {
         let mut facts: Vec<RobotFacts> =
             self.members.iter().map(|m| m.facts(now, self.config.silent_after_s)).collect();
         for (robot, facts) in facts.iter_mut().enumerate() {
-            (facts.shared, facts.trust) = (self.systematic.of(robot), self.trust(robot));
-            facts.verifiable = self.calibrator.is_verifiable(robot);
+            let home = &self.components[self.members[robot].component];
+            (facts.shared, facts.trust) = (home.systematic.of(robot), self.trust(robot));
+            facts.verifiable = home.calibrator.is_verifiable(robot);
         }
-        let mut map = build(&facts, &self.calibrator, &self.follower, &self.config, stamp);
+        let mut map = build(&facts, &self.components, &self.config, stamp);
         map.sequence = self.sequence;
-        if let (MapStatus::Inconsistent, Some(finding)) = (map.status, self.calibrator.findings().first()) {
+        let finding = self.components.iter().find_map(|component| component.calibrator.findings().first());
+        if let (MapStatus::Inconsistent, Some(finding)) = (map.status, finding) {
             map.explanation = self.in_words(finding);
             map.explanation.truncate(map.explanation.floor_char_boundary(MAX_EXPLANATION_LEN));
         }
         map.term = self.succession.reign().unwrap_or(map.term);
         for target in &mut map.targets {
             let position = nalgebra::Vector2::new(target.position_m[0], target.position_m[1]);
-            target.id = self.names.name(target.id, position, stamp);
+            let component = self.components.iter().find(|component| component.number == target.component);
+            let serial = component.map_or(0, |component| component.serial);
+            target.id = self.names.name((serial, target.id), position, stamp);
         }
         map.next_target = self.names.next();
         map.alarms = self.alarms.recent(now);
@@ -330,17 +366,21 @@ impl Leader {
             return None;
         }
         self.members.push(Member::new(robot));
-        Some(self.introduce(robot))
+        let k = self.members.len() - 1;
+        self.introduce(k);
+        Some(k)
     }
 
-    /// Tells the calibration of a robot, in the order of the members.
-    fn introduce(&mut self, robot: RobotId) -> usize {
+    /// Tells the calibration of its component of a robot.
+    fn introduce(&mut self, k: usize) {
+        let robot = self.members[k].id;
         let anchor = self.config.anchor.filter(|a| a.robot == robot).map(|a| a.team_from_body);
-        let k = self.calibrator.add_robot(anchor);
-        if let Some(fixed) = self.config.fixed.iter().find(|f| f.robot == robot) {
-            self.calibrator.fix(k, fixed.team_from_body);
+        let fixed = self.config.fixed.iter().find(|f| f.robot == robot).map(|f| f.team_from_body);
+        let calibrator = &mut self.home(k).calibrator;
+        calibrator.add_robot(k, anchor);
+        if let Some(pose) = fixed {
+            calibrator.fix(k, pose);
         }
-        k
     }
 
     fn tell(&mut self, text: String, outputs: &mut Vec<Output>) {

@@ -25,6 +25,9 @@ pub const ELLIPSE_SIGMAS: f64 = 2.447;
 pub const ROBOT_ELLIPSE_SCALE: f64 = 5.0;
 /// How much of a target's past is drawn, seconds.
 pub const TRAIL_S: f64 = 5.0;
+/// Most components that are drawn, and the rows above their panels.
+const MAX_PANELS: usize = 16;
+const CAPTION_PX: u32 = 48;
 /// Most points of a trail.
 const MAX_TRAIL_POINTS: usize = 512;
 /// Radius at which robots are drawn, metres.
@@ -84,41 +87,80 @@ impl Trails {
     }
 }
 
-/// Draws a map `width_px` wide and `height_px` high (each 200 … 4000, else clamped). The view holds everything there is.
+/// Draws a map `width_px` wide and `height_px` high (each 200 … 4000, else clamped). The view holds everything there is. Robots
+/// that nothing ties together are in panels of their own, each in its frame; the overlay belongs to the first.
 pub fn draw(map: &TeamMap, trails: &Trails, overlay: Option<&Overlay>, width_px: u32, height_px: u32) -> RgbImage {
-    let mut canvas = Canvas::new(width_px.clamp(200, 4000), height_px.clamp(200, 4000), PAPER);
-    let view = View::holding(extent(map, overlay), canvas.size());
+    let (width, height) = (width_px.clamp(200, 4000), height_px.clamp(200, 4000));
+    let mut components = map.components();
+    if components.len() < 2 {
+        let component = components.first().copied().unwrap_or(0);
+        let (mut canvas, view) = panel(map, trails, overlay, component, [width, height]);
+        caption(&mut canvas, map);
+        legend(&mut canvas, &view, overlay);
+        return canvas.into_image();
+    }
+    components.truncate(MAX_PANELS);
+    let mut canvas = Canvas::new(width, height, PAPER);
+    caption(&mut canvas, map);
+    let mut whole = canvas.into_image();
+    let columns = (components.len() as f64).sqrt().ceil() as u32;
+    let rows = (components.len() as u32).div_ceil(columns);
+    let size = [width / columns, height.saturating_sub(CAPTION_PX) / rows];
+    for (k, component) in (0..).zip(components) {
+        let overlay = overlay.filter(|_| component == 0);
+        let (mut canvas, view) = panel(map, trails, overlay, component, size);
+        let [w, h] = size.map(f64::from);
+        canvas.polyline(&[[0.0, h], [0.0, 0.0], [w, 0.0]], 1.0, FAINT, 1.0);
+        let names: Vec<&str> = map.placed(component).take(8).map(|robot| robot.id.as_str()).collect();
+        let title = format!("component {component}: {}", names.join(", "));
+        canvas.text([12.0, 8.0], 15.0, INK, &title);
+        legend(&mut canvas, &view, overlay);
+        let corner = [k % columns * size[0], CAPTION_PX + k / columns * size[1]].map(i64::from);
+        image::imageops::replace(&mut whole, &canvas.into_image(), corner[0], corner[1]);
+    }
+    whole
+}
+
+/// One component with its grid.
+fn panel(
+    map: &TeamMap,
+    trails: &Trails,
+    overlay: Option<&Overlay>,
+    component: u8,
+    [width, height]: [u32; 2],
+) -> (Canvas, View) {
+    let mut canvas = Canvas::new(width, height, PAPER);
+    let view = View::holding(extent(map, overlay, component), canvas.size());
     grid(&mut canvas, &view);
     if let Some(overlay) = overlay {
         surroundings(&mut canvas, &view, overlay);
     }
-    let joint = joint_covariance(map);
-    for target in &map.targets {
+    let joint = map.joint_covariance_of(component).unwrap_or_else(|| DMatrix::zeros(0, 0));
+    let targets = || map.targets.iter().filter(|target| target.component == component);
+    for target in targets() {
         if let Some(trail) = trails.points.get(&target.id) {
             let points: Vec<[f64; 2]> = trail.iter().map(|(_, at)| view.px(*at)).collect();
             canvas.polyline(&points, 1.5, colour(target.id), 0.55);
         }
     }
-    let mut at = 0;
-    for robot in &map.robots {
+    for (k, robot) in map.placed(component).enumerate() {
         if let Some(pose) = robot.team_from_body {
-            self::robot(&mut canvas, &view, robot, &pose, &block(&joint, at));
-            at += 3;
+            self::robot(&mut canvas, &view, robot, &pose, &block(&joint, 3 * k));
         }
     }
-    for target in &map.targets {
+    for target in targets() {
         self::target(&mut canvas, &view, target, &joint);
     }
     if let Some(overlay) = overlay {
         truth(&mut canvas, &view, overlay);
     }
-    caption(&mut canvas, &view, map, overlay);
-    canvas.into_image()
+    (canvas, view)
 }
 
-fn extent(map: &TeamMap, overlay: Option<&Overlay>) -> Vec<[f64; 2]> {
-    let mut points: Vec<[f64; 2]> = map.targets.iter().map(|t| [t.position_m[0], t.position_m[1]]).collect();
-    points.extend(map.robots.iter().filter_map(|r| r.team_from_body).map(|p| [p.x_m, p.y_m]));
+fn extent(map: &TeamMap, overlay: Option<&Overlay>, component: u8) -> Vec<[f64; 2]> {
+    let targets = map.targets.iter().filter(|target| target.component == component);
+    let mut points: Vec<[f64; 2]> = targets.map(|t| [t.position_m[0], t.position_m[1]]).collect();
+    points.extend(map.placed(component).filter_map(|r| r.team_from_body).map(|p| [p.x_m, p.y_m]));
     if let Some(overlay) = overlay {
         points.extend(overlay.outlines.iter().flatten());
         points.extend(overlay.people.iter().map(|(_, at)| *at));
@@ -166,7 +208,8 @@ fn robot(canvas: &mut Canvas, view: &View, robot: &MapRobot, pose: &Pose2, covar
 fn target(canvas: &mut Canvas, view: &View, target: &MapTarget, joint: &DMatrix<f64>) {
     let ink = colour(target.id);
     let at = [target.position_m[0], target.position_m[1]];
-    ellipse(canvas, view, at, &covariance(target, joint), ELLIPSE_SIGMAS, ink, 0.18);
+    let covariance = target.covariance(joint).unwrap_or_default().fixed_view::<2, 2>(0, 0).into_owned();
+    ellipse(canvas, view, at, &covariance, ELLIPSE_SIGMAS, ink, 0.18);
     canvas.disc(view.px(at), 4.0, ink, 1.0);
     let ahead = [at[0] + 0.5 * f64::from(target.velocity_mps[0]), at[1] + 0.5 * f64::from(target.velocity_mps[1])];
     canvas.line(view.px(at), view.px(ahead), 1.6, ink, 1.0);
@@ -190,7 +233,7 @@ fn truth(canvas: &mut Canvas, view: &View, overlay: &Overlay) {
     }
 }
 
-fn caption(canvas: &mut Canvas, view: &View, map: &TeamMap, overlay: Option<&Overlay>) {
+fn caption(canvas: &mut Canvas, map: &TeamMap) {
     let placed = map.robots.iter().filter(|r| r.team_from_body.is_some()).count();
     let status = match map.status {
         MapStatus::Waiting => "waiting",
@@ -209,6 +252,10 @@ fn caption(canvas: &mut Canvas, view: &View, map: &TeamMap, overlay: Option<&Ove
     canvas.text([12.0, 8.0], 17.0, INK, &title);
     let explanation: String = map.explanation.chars().take(110).collect();
     canvas.text([12.0, 30.0], 13.0, FAINT, &explanation);
+}
+
+/// The scale, and what is drawn how.
+fn legend(canvas: &mut Canvas, view: &View, overlay: Option<&Overlay>) {
     let [_, height] = canvas.size();
     let foot = f64::from(height) - 24.0;
     canvas.line([14.0, foot + 8.0], [14.0 + view.px_per_m(), foot + 8.0], 2.5, INK, 1.0);
@@ -251,33 +298,8 @@ fn colour(id: TargetId) -> Rgb<u8> {
     TARGETS[id.0 as usize % TARGETS.len()]
 }
 
-fn joint_covariance(map: &TeamMap) -> DMatrix<f64> {
-    let n = 3 * map.robots.iter().filter(|r| r.team_from_body.is_some()).count();
-    let mut values = map.joint_covariance.iter().map(|v| f64::from(*v));
-    let mut matrix = DMatrix::zeros(n, n);
-    for row in 0..n {
-        for column in row..n {
-            let value = values.next().unwrap_or(0.0);
-            matrix[(row, column)] = value;
-            matrix[(column, row)] = value;
-        }
-    }
-    matrix
-}
-
 fn block(joint: &DMatrix<f64>, at: usize) -> Matrix2<f64> {
     Matrix2::from_fn(|r, c| joint.get((at + r, at + c)).copied().unwrap_or(0.0))
-}
-
-fn covariance(target: &MapTarget, joint: &DMatrix<f64>) -> Matrix2<f64> {
-    let [xx, xy, _, yy, ..] = target.own_covariance.map(f64::from);
-    let own = Matrix2::new(xx, xy, xy, yy);
-    let n = joint.nrows();
-    if target.pose_jacobian.len() != 2 * n {
-        return own;
-    }
-    let jacobian = DMatrix::from_row_iterator(2, n, target.pose_jacobian.iter().map(|v| f64::from(*v)));
-    own + (&jacobian * joint * jacobian.transpose()).fixed_view::<2, 2>(0, 0)
 }
 
 #[cfg(test)]

@@ -145,7 +145,7 @@ impl Service {
                 Some(got) = inbox.healths.recv() => desk.health(got),
                 Some(sign) = inbox.robots.recv() => desk.robot_sign(sign),
                 Some(sign) = inbox.leaders.recv() => desk.leader_sign(sign),
-                Some(answered) = desk.probes.recv() => desk.probed(answered),
+                Some(told) = desk.probes.recv() => desk.told(told),
                 Some(word) = inbox.candidacies.recv() => desk.handle(word.arrived, Input::Candidacy(word.message)),
                 Some(map) = inbox.maps.recv() => desk.map_heard(map),
                 Some(asked) = inbox::next(&mut inbox.map_asked) => desk.give_map(asked),

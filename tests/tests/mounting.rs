@@ -13,7 +13,6 @@ use robot_agent::optics::{CameraFile, MountedCamera};
 use sim_harness::render::Renderer;
 use sim_harness::render::rays::Rays;
 use sim_harness::scenario::{Scenario, TiltSpec};
-use sim_harness::score::joint_covariance;
 use sim_harness::score::nees::mahalanobis2;
 use sim_harness::team::{TeamSettings, simulated};
 use sim_harness::world::World;
@@ -82,8 +81,8 @@ fn last_map(scenario: &Scenario, cameras: BTreeMap<RobotId, String>) -> TeamMap 
 
 /// Poses of the robots that have one and are not the gauge, as one vector with its covariance.
 fn poses(map: &TeamMap) -> (DVector<f64>, DMatrix<f64>) {
-    let joint = joint_covariance(map);
-    let placed: Vec<_> = map.robots.iter().filter_map(|r| Some((r.id, r.team_from_body?))).collect();
+    let joint = map.joint_covariance_of(0).unwrap();
+    let placed: Vec<_> = map.placed(0).filter_map(|r| Some((r.id, r.team_from_body?))).collect();
     let free: Vec<usize> = (0..placed.len()).filter(|n| Some(placed[*n].0) != map.gauge).collect();
     let values = free.iter().flat_map(|n| [placed[*n].1.x_m, placed[*n].1.y_m, placed[*n].1.heading_rad]).collect();
     let rows: Vec<usize> = free.iter().flat_map(|n| [3 * n, 3 * n + 1, 3 * n + 2]).collect();

@@ -25,6 +25,7 @@ macro_rules! for_every_message {
         $check("team_map", &samples::map());
         $check("guidance", &samples::guidance());
         $check("candidacy", &samples::candidacy());
+        $check("recent", &samples::recent());
     };
 }
 use for_every_message;

@@ -1,11 +1,13 @@
 //! The team map: what the leader publishes.
 //!
-//! Robots carry one joint covariance (their errors are correlated: they were calibrated against each other); each target
-//! carries its own covariance given the poses, and the Jacobian of its position to the poses, from which anybody can
-//! compute the full covariance of any pair of entries:
-//! `cov(target) = own + J · joint · Jᵀ`.
+//! Robots that nothing ties together are in different components: each component has a frame of its own, and no position of
+//! one means anything in another. Robots of a component carry one joint covariance (their errors are correlated: they were
+//! calibrated against each other); each target carries its own covariance given the poses, and the Jacobian of its position to
+//! the poses, from which anybody can compute the full covariance of any pair of entries:
+//! `cov(target) = own + J · joint · Jᵀ` ([`TeamMap::covariance_of`]).
 
 use bincode::{Decode, Encode};
+use nalgebra::{DMatrix, Matrix3};
 
 use crate::codec::{Invalid, Kind, Message, Subject, bounded_decode, check};
 use crate::frames::Pose2;
@@ -37,12 +39,12 @@ pub struct TeamMap {
     pub status: MapStatus,
     /// Why, in one sentence for people (≤ 256 bytes).
     pub explanation: String,
-    /// The robot whose pose fixed the frame, where one has.
+    /// The robot whose pose fixed the frame of component 0, where one has.
     pub gauge: Option<RobotId>,
     /// All robots that were ever announced in this team (≤ [`MAX_ROBOTS`]).
     pub robots: Vec<MapRobot>,
-    /// Joint covariance of the robots with a pose, in the order of `robots` (x, y, heading each; m and rad): the upper
-    /// triangle row by row, n(n+1)/2 values for n = 3 · robots with a pose.
+    /// Joint covariance of the robots with a pose (x, y, heading each; m and rad), component by component from 0 up, robots of a
+    /// component in the order of `robots`: of each the upper triangle row by row, n(n+1)/2 values for n = 3 · robots with a pose.
     pub joint_covariance: Vec<f32>,
     /// Moving objects (≤ [`MAX_TARGETS`]).
     pub targets: Vec<MapTarget>,
@@ -75,7 +77,7 @@ pub struct MapRobot {
     pub id: RobotId,
     /// Its pose, where known. Robots in different components are never in one frame.
     pub team_from_body: Option<Pose2>,
-    /// Which component it belongs to; the gauge is in component 0.
+    /// Which component it belongs to; the gauge is in component 0. One that has no pose is a component by itself.
     pub component: u8,
     /// Whether it is there.
     pub presence: Presence,
@@ -139,6 +141,8 @@ pub enum Presence {
 pub struct MapTarget {
     /// Which.
     pub id: TargetId,
+    /// In whose frame it is: that of this component's robots.
+    pub component: u8,
     /// Position on the floor of its vertical axis and height of its centre where known (z), metres.
     pub position_m: [f64; 3],
     /// Velocity along the floor, m/s.
@@ -147,7 +151,8 @@ pub struct MapTarget {
     pub height_m: Option<(f32, f32)>,
     /// Covariance of (x, y, z) given exact robot poses: upper triangle xx xy xz yy yz zz, m².
     pub own_covariance: [f32; 6],
-    /// Jacobian of (x, y) to the poses (x, y, heading) of each robot with a pose, in the order of `robots`: 2 × 3n row by row.
+    /// Jacobian of (x, y) to the poses (x, y, heading) of each robot with a pose of its component, in the order of `robots`:
+    /// 2 × 3n row by row.
     pub pose_jacobian: Vec<f32>,
     /// Robots that see it now.
     pub observers: Vec<RobotId>,
@@ -169,9 +174,15 @@ impl Message for TeamMap {
         check::count("robots", self.robots.len(), MAX_ROBOTS)?;
         check::count("targets", self.targets.len(), MAX_TARGETS)?;
         self.robots.iter().try_for_each(MapRobot::validate)?;
-        let pose_entries = 3 * self.robots.iter().filter(|robot| robot.team_from_body.is_some()).count();
-        check::covariance("joint_covariance", &self.joint_covariance, pose_entries)?;
-        self.targets.iter().try_for_each(|target| target.validate(pose_entries))?;
+        let sizes = self.sizes();
+        let triangles = triangles(&self.joint_covariance, &sizes);
+        check::consistent(triangles.is_some(), "joint_covariance", "has not one upper triangle a component")?;
+        for (part, n) in triangles.into_iter().flatten().zip(&sizes) {
+            check::covariance("joint_covariance", part, *n)?;
+        }
+        self.targets
+            .iter()
+            .try_for_each(|target| target.validate(sizes.get(usize::from(target.component)).copied().unwrap_or(0)))?;
         check::count("alarms", self.alarms.len(), MAX_ALARMS)?;
         self.alarms.iter().try_for_each(Message::validate)
     }
@@ -181,6 +192,66 @@ impl Message for TeamMap {
     }
 
     bounded_decode!(Kind::TeamMap);
+}
+
+impl TeamMap {
+    /// Robots of a component that have a pose, in the order of its joint covariance.
+    pub fn placed(&self, component: u8) -> impl Iterator<Item = &MapRobot> {
+        self.robots.iter().filter(move |robot| robot.component == component && robot.team_from_body.is_some())
+    }
+
+    /// Components with a placed robot, in their order.
+    pub fn components(&self) -> Vec<u8> {
+        let sizes = self.sizes().into_iter().zip(0..);
+        sizes.filter(|(size, _)| *size > 0).map(|(_, component)| component).collect()
+    }
+
+    /// Joint covariance of a component's placed robots: 3n × 3n, x, y, heading of each in the order of [`Self::placed`]. `None`
+    /// where the map's numbers do not fit its robots, which a decoded map's always do.
+    pub fn joint_covariance_of(&self, component: u8) -> Option<DMatrix<f64>> {
+        let sizes = self.sizes();
+        let n = sizes.get(usize::from(component)).copied().unwrap_or(0);
+        let triangle = triangles(&self.joint_covariance, &sizes)?.get(usize::from(component)).copied().unwrap_or(&[]);
+        let mut full = DMatrix::zeros(n, n);
+        let mut values = triangle.iter();
+        for r in 0..n {
+            for c in r..n {
+                let v = f64::from(*values.next()?);
+                full[(r, c)] = v;
+                full[(c, r)] = v;
+            }
+        }
+        Some(full)
+    }
+
+    /// 3 × 3 covariance of a target's (x, y, z) with the poses' part, m²: own + J · joint · Jᵀ. `None` as
+    /// [`Self::joint_covariance_of`].
+    pub fn covariance_of(&self, target: &MapTarget) -> Option<Matrix3<f64>> {
+        target.covariance(&self.joint_covariance_of(target.component)?)
+    }
+
+    /// Rows of the joint covariance of each component, from 0 up.
+    fn sizes(&self) -> Vec<usize> {
+        let mut sizes = Vec::new();
+        for robot in self.robots.iter().filter(|robot| robot.team_from_body.is_some()) {
+            let component = usize::from(robot.component);
+            sizes.resize(sizes.len().max(component + 1), 0);
+            sizes[component] += 3;
+        }
+        sizes
+    }
+}
+
+/// The upper triangles of the components, one after the other; `None` where the count of values is another.
+fn triangles<'a>(values: &'a [f32], sizes: &[usize]) -> Option<Vec<&'a [f32]>> {
+    let mut rest = values;
+    let mut parts = Vec::with_capacity(sizes.len());
+    for n in sizes {
+        let (part, after) = rest.split_at_checked(n * (n + 1) / 2)?;
+        parts.push(part);
+        rest = after;
+    }
+    rest.is_empty().then_some(parts)
 }
 
 impl MapRobot {
@@ -205,6 +276,25 @@ impl MapRobot {
 }
 
 impl MapTarget {
+    /// 3 × 3 covariance of (x, y, z) under the joint covariance of its component ([`TeamMap::joint_covariance_of`]), m²; `None`
+    /// where that is not of its component's size.
+    pub fn covariance(&self, joint: &DMatrix<f64>) -> Option<Matrix3<f64>> {
+        let n = joint.nrows();
+        if self.pose_jacobian.len() != 2 * n {
+            return None;
+        }
+        let j = DMatrix::from_row_iterator(2, n, self.pose_jacobian.iter().map(|v| f64::from(*v)));
+        let [xx, xy, xz, yy, yz, zz] = self.own_covariance.map(f64::from);
+        let mut cov = Matrix3::new(xx, xy, xz, xy, yy, yz, xz, yz, zz);
+        let by_poses = &j * joint * j.transpose();
+        for r in 0..2 {
+            for c in 0..2 {
+                cov[(r, c)] += by_poses[(r, c)];
+            }
+        }
+        Some(cov)
+    }
+
     fn validate(&self, pose_entries: usize) -> Result<(), Invalid> {
         check::all_finite("targets.position_m", &self.position_m)?;
         check::all_finite("targets.velocity_mps", &self.velocity_mps)?;

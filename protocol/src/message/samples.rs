@@ -218,6 +218,7 @@ pub(crate) fn map() -> TeamMap {
         joint_covariance,
         targets: vec![MapTarget {
             id: TargetId(9),
+            component: 0,
             position_m: [1.0, 2.5, 0.9],
             velocity_mps: [0.4, -0.2],
             height_m: Some((1.75, 0.03)),
@@ -257,4 +258,8 @@ pub(crate) fn candidacy() -> Candidacy {
 pub(crate) fn replay_start() -> ReplayStart {
     let at = |ns| Timestamp(NOON.0 + ns);
     ReplayStart { probe_sent: NOON, received: at(1000), replied: at(2000), start: Some(at(3_000_000_000)) }
+}
+
+pub(crate) fn recent() -> Recent {
+    Recent { observations: vec![observation(), Observation { sequence: 78, ..observation() }] }
 }

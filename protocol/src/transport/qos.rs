@@ -47,6 +47,7 @@ pub fn qos(kind: Kind) -> Qos {
         //                                priority            congestion  reliability  express kept recovered ring
         Kind::Announcement         => row(P::Data,            Drop,       Reliable,    false,  1,  true,     256),
         Kind::Observation          => row(P::InteractiveHigh, Drop,       BestEffort,  true,   0,  false,    512),
+        Kind::Recent               => row(P::Data,            Drop,       Reliable,    false,  0,  false,     32),
         Kind::Alarm                => row(P::DataHigh,        Drop,       Reliable,    true,  64,  true,     512),
         Kind::Health               => row(P::DataLow,         Drop,       BestEffort,  false,  0,  false,    256),
         Kind::Command              => row(P::DataHigh,        Block,      Reliable,    true,   0,  false,     32),

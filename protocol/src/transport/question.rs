@@ -14,7 +14,9 @@ use tokio::sync::oneshot;
 use zenoh::Wait;
 use zenoh::query::{Query, Reply};
 
-pub use answer::{Answer, AskedMap, AskedMapJson, AskedPicture, AskedReplayStart, EncodedPicture, Question};
+pub use answer::{
+    Answer, AskedMap, AskedMapJson, AskedPicture, AskedRecent, AskedReplayStart, EncodedPicture, Question,
+};
 
 use super::Transport;
 use super::error::{AskError, TransportError, words};

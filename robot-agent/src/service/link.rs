@@ -4,7 +4,7 @@ use protocol::id::{RobotId, TeamId};
 use protocol::key::{Key, Pattern, RobotTopic};
 use protocol::message::{Alarm, Announcement, ClockProbe, Command, Health, Observation, PictureKind};
 use protocol::transport::{
-    AliveToken, AskedPicture, Presences, Publisher, Questions, Subscriber, Transport, TransportError,
+    AliveToken, AskedPicture, AskedRecent, Presences, Publisher, Questions, Subscriber, Transport, TransportError,
 };
 use tokio::sync::mpsc;
 use tokio::task::JoinSet;
@@ -24,6 +24,7 @@ pub struct Link {
     pub announcements: Subscriber<Announcement>,
     pub leaders: Presences,
     pub questions: mpsc::Receiver<Question>,
+    pub recent_asked: Questions<AskedRecent>,
     _forwarders: JoinSet<()>,
     _alive: AliveToken,
 }
@@ -50,6 +51,7 @@ impl Link {
             announcements: transport.subscribe(Pattern::EveryRobot(team, RobotTopic::Announcement)).await?,
             leaders: transport.watch(Pattern::EveryLeader(team)).await?,
             questions,
+            recent_asked: transport.answer(key(RobotTopic::Observation)).await?,
             _forwarders: forwarders,
             _alive: transport.declare_alive(key(RobotTopic::Alive)).await?,
         })

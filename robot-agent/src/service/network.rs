@@ -9,7 +9,8 @@ use protocol::board::Board;
 use protocol::host_clock::Clock;
 use protocol::id::{LeaderId, RobotId, TeamId};
 use protocol::key::{Key, Topic};
-use protocol::message::{Alarm, Announcement, ClockProbe, Health};
+use protocol::message::recent::MAX_RECENT;
+use protocol::message::{Alarm, Announcement, ClockProbe, Health, Observation, Recent};
 use protocol::time::Timestamp;
 use protocol::transport::{AskedReplayStart, Options, Sign, Transport, TransportError};
 
@@ -23,6 +24,9 @@ use crate::agent::{Agent, Input, Output};
 
 /// Alarms kept for the next session; the oldest go first.
 const MAX_ALARMS_KEPT: usize = 64;
+/// Observations kept for a leader that comes late: at most [`MAX_RECENT`], and those before the newest by no more, seconds. Older
+/// ones say nothing about now.
+const RECENT_S: f64 = 1.0;
 /// Without a link for so long, with the leaders' endpoints tried again and again, the session is opened anew. Zenoh's clients do not
 /// come back (1.10.2) where a link is closed while they finish opening it.
 const LINK_PATIENCE: Duration = Duration::from_secs(3);
@@ -50,6 +54,8 @@ pub struct Network {
     /// The last alarms, published again in every session: receivers take each once, by its number.
     kept: VecDeque<Alarm>,
     journal: Option<Journal>,
+    /// The last observations, oldest first.
+    recent: VecDeque<Observation>,
     announcement: Option<Announcement>,
     leaders: BTreeSet<LeaderId>,
     notices: Vec<String>,
@@ -79,6 +85,7 @@ impl Network {
             dropped,
             kept: VecDeque::new(),
             journal: None,
+            recent: VecDeque::new(),
             announcement: None,
             leaders: BTreeSet::new(),
             notices: Vec::new(),
@@ -150,6 +157,10 @@ impl Network {
                     Some(output) => self.send(output, link, &mut waiting),
                     None => return,
                 },
+                Some(asked) = link.recent_asked.recv() => match Recent::newest(self.recent.iter().cloned()) {
+                    Ok(recent) => log_unsent(asked.reply(&recent)),
+                    Err(error) => log_unsent(asked.refuse(&error.to_string())),
+                },
                 Some(question) = link.questions.recv() => self.pass_on(question, &mut waiting),
                 Some(got) = link.announcements.recv() => {
                     self.mailbox.put_event(got.arrived, Input::Announcement(got.message));
@@ -174,6 +185,7 @@ impl Network {
             Output::Health(health) => {
                 self.complete(health);
             }
+            Output::Observation(observation) => self.remember(observation),
             _ => {}
         }
     }
@@ -184,7 +196,10 @@ impl Network {
                 log_unsent(link.announcement.put(&announcement));
                 self.announcement = Some(announcement);
             }
-            Output::Observation(observation) => log_unsent(link.observation.put(&observation)),
+            Output::Observation(observation) => {
+                log_unsent(link.observation.put(&observation));
+                self.remember(observation);
+            }
             Output::Alarm(alarm) => {
                 log_unsent(link.alarm.put(&alarm));
                 self.note(alarm);
@@ -198,6 +213,16 @@ impl Network {
                 }
             }
             Output::Notice(text) => self.tell(text),
+        }
+    }
+
+    fn remember(&mut self, observation: Observation) {
+        let newest = observation.capture;
+        self.recent.push_back(observation);
+        while self.recent.len() > MAX_RECENT
+            || self.recent.front().is_some_and(|old| newest.seconds_since(old.capture) > RECENT_S)
+        {
+            self.recent.pop_front();
         }
     }
 

@@ -11,7 +11,7 @@ use protocol::message::{
     Announcement, ClockProbe, Command, CommandReply, Health, Observation, PictureKind, ReplayStart,
 };
 use protocol::time::Timestamp;
-use protocol::transport::{AskedPicture, AskedReplayStart, Subscriber, Transport};
+use protocol::transport::{AskedPicture, AskedRecent, AskedReplayStart, Subscriber, Transport};
 use tokio::sync::oneshot;
 use tokio::task::JoinHandle as Task;
 use tokio::time::timeout;
@@ -140,6 +140,25 @@ async fn commands_pictures_and_clock_probes_are_answered_by_key() {
     assert_eq!((reply.probe_sent, reply.epoch), (sent, 7));
     assert!(reply.received.seconds_since(sent) >= 0.015 && reply.replied >= reply.received);
     assert!(answered.arrived.seconds_since(reply.replied) >= -0.015);
+    running.stop().await;
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn who_comes_late_is_told_the_last_second() {
+    let (leader, endpoint) = leader().await;
+    let mut observations: Subscriber<Observation> = leader.subscribe(every(RobotTopic::Observation)).await.unwrap();
+    let running = start(agent("r1", 3), Box::new(Camera::default()), &endpoint);
+    let mut live = Vec::new();
+    while live.len() < 5 {
+        live.push(timeout(LIMIT, observations.recv()).await.unwrap().unwrap().message);
+    }
+    let key = Key::robot(team(), r("r1"), RobotTopic::Observation);
+    let recent = leader.ask(key, &AskedRecent, LIMIT).await.unwrap().answer.observations;
+    let newest = recent.last().unwrap();
+    assert!(newest.sequence >= live[4].sequence);
+    let last_second = |o: &&Observation| newest.capture.seconds_since(o.capture) < 0.95;
+    assert!(live.iter().filter(last_second).all(|o| recent.contains(o)), "{recent:?}");
+    assert!(recent.iter().all(|o| newest.capture.seconds_since(o.capture) <= 1.0));
     running.stop().await;
 }
 

@@ -6,7 +6,6 @@ use nalgebra::{Matrix2, Rotation2, Vector2};
 use protocol::id::TargetId;
 use protocol::message::TeamMap;
 use serde::Serialize;
-use team_leader::team_map::build::target_covariance;
 
 use crate::world::State;
 
@@ -192,11 +191,10 @@ impl Target {
 }
 
 impl Placed {
-    /// By the robots of the map; `None` with fewer than two.
+    /// By the robots of the map in the team's frame; `None` with fewer than two.
     fn of(map: &TeamMap, truth: &State) -> Option<Self> {
         let pairs: Vec<_> = map
-            .robots
-            .iter()
+            .placed(0)
             .filter_map(|robot| Some((robot.team_from_body?, truth.robots.iter().find(|t| t.id == robot.id)?)))
             .collect();
         if pairs.len() < 2 {
@@ -214,9 +212,10 @@ impl Placed {
         let targets = map
             .targets
             .iter()
+            .filter(|target| target.component == 0)
             .filter_map(|target| {
                 let team = Vector2::new(target.position_m[0], target.position_m[1]);
-                let covariance = target_covariance(map, target)?.fixed_view::<2, 2>(0, 0).into_owned();
+                let covariance = map.covariance_of(target)?.fixed_view::<2, 2>(0, 0).into_owned();
                 let turned = room_from_team.matrix() * covariance * room_from_team.matrix().transpose();
                 let at = room_m + room_from_team * (team - team_m);
                 Some(Target { id: target.id, at, information: turned.try_inverse()? })

@@ -22,6 +22,9 @@ pub struct ScaleArgs {
     /// Seed of the noise
     #[arg(long, default_value_t = 0)]
     seed: u64,
+    /// Robots wear no codes: all look alike, and the leader finds out who is in which room
+    #[arg(long)]
+    alike: bool,
     /// Do not pin the leader to processor 0 and the senders to 1
     #[arg(long)]
     no_pin: bool,
@@ -68,6 +71,7 @@ fn measure(args: &ScaleArgs) -> Result<(), TeamError> {
             rate_hz: args.rate_hz,
             duration_s: args.duration,
             seed: args.seed,
+            coded: !args.alike,
             pinned: !args.no_pin,
         };
         let mut minute = 0;
@@ -107,19 +111,23 @@ fn unflat(figures: &Figures) -> Option<String> {
 }
 
 fn in_words(figures: &Figures, first: bool) -> String {
-    let heading = "robots  cores  latency p50 / p99 / worst ms  capture→map p50 / p99 ms  heard of sent     lost  maps/s  placed  people  MB at 5 s → end  files";
+    let heading = "robots  cores  latency p50 / p99 / worst ms  capture→map p50 / p99 ms  heard of sent     lost  maps/s    robots    people (least)  all after s  MB half → end  files";
     let [p50, p99, worst] = figures.latency_ms;
     let [age_50, age_99, _] = figures.capture_to_map_ms;
+    let least = figures.least_right[1];
+    let all_after = figures.all_placed_s.map_or("never".to_owned(), |s| format!("{s:.0}"));
     let line = format!(
-        "{:>6}  {:>5.2}  {p50:>11.1} / {p99:>5.1} / {worst:>8.1}  {age_50:>17.1} / {age_99:>5.1}  {:>7} of {:>7}  {:>4}  {:>6.1}  {:>6}  {:>6}  {:>7.1} → {:>6.1}  {} → {}",
+        "{:>6}  {:>5.2}  {p50:>11.1} / {p99:>5.1} / {worst:>8.1}  {age_50:>17.1} / {age_99:>5.1}  {:>7} of {:>7}  {:>4}  {:>6.1}  {:>3} of {:<3} {:>3} of {:<3} ({least:.2})  {all_after:>11}  {:>6.1} → {:>6.1}  {} → {}",
         figures.load.robots,
         figures.leader_cores,
         figures.heard,
         figures.sent,
         figures.lost,
         figures.maps as f64 / figures.load.duration_s,
-        figures.placed[0],
-        figures.placed[1],
+        figures.right[0][0],
+        figures.right[0][1],
+        figures.right[1][0],
+        figures.right[1][1],
         figures.memory_mb[0],
         figures.memory_mb[1],
         figures.open_files[0],

@@ -20,7 +20,6 @@ use protocol::message::{
 use protocol::quantity::{Angle16, Fraction8, LogSigma};
 use protocol::time::Timestamp;
 use serde::{Deserialize, Serialize};
-use team_leader::team_map::build::target_covariance;
 
 use super::feed::{Feed, Recorded};
 use super::tracks::{Seen, Tracks};
@@ -247,7 +246,7 @@ fn innovation2(view: &View, seen: &Seen, before: &TeamMap, at: Timestamp, sigma_
         let [vx, vy] = target.velocity_mps.map(f64::from);
         let (dx, dy) = (x + dt * vx - view.centre.x, y + dt * vy - view.centre.y);
         let range = dx.hypot(dy);
-        let cov = target_covariance(before, target)?;
+        let cov = before.covariance_of(target)?;
         let across = nalgebra::Vector2::new(-dy, dx) / range;
         let spread = (across.transpose() * cov.fixed_view::<2, 2>(0, 0) * across)[0];
         // A walker's acceleration of 0.4 m²/s³ adds to where he is a frame later.
@@ -279,7 +278,7 @@ fn score(run: &Run, truth: &Truth, bearing_sigma_deg: f64) -> Report {
             errors.push(away(p, &target.position_m));
             *together.entry((*person, u64::from(target.id.0))).or_default() += 1;
             let e = nalgebra::Vector2::new(target.position_m[0] - p[0], target.position_m[1] - p[1]);
-            let cov = target_covariance(map, target).map(|c| c.fixed_view::<2, 2>(0, 0).into_owned());
+            let cov = map.covariance_of(target).map(|c| c.fixed_view::<2, 2>(0, 0).into_owned());
             normalised.extend(cov.and_then(|c| c.try_inverse()).map(|i| (e.transpose() * i * e)[0]));
         }
     }

@@ -18,7 +18,6 @@ use protocol::message::{Motion, Observation, Odometry, PeerSighting, SightedRang
 use protocol::quantity::{Angle16, Fraction8, LogSigma, Millimetres};
 use protocol::time::Timestamp;
 use serde::Serialize;
-use team_leader::team_map::build::full_covariance;
 
 use super::feed::{Feed, Recorded};
 use super::{RecordedError, files, median};
@@ -372,7 +371,11 @@ impl<'a> Run<'a> {
 
     /// Pose of `b` seen from `a`: by the map, and in truth.
     fn relative(&self, map: &TeamMap, a: usize, b: usize, time_s: f64) -> Option<(Pose2, Pose2)> {
-        let pose = |k: usize| map.robots.iter().find(|r| r.id == self.robots[k].id)?.team_from_body;
+        let robot = |k: usize| map.robots.iter().find(|r| r.id == self.robots[k].id);
+        if robot(a)?.component != robot(b)?.component {
+            return None;
+        }
+        let pose = |k: usize| robot(k)?.team_from_body;
         let truth = |k: usize| self.robots[k].truth_at(time_s);
         Some((pose(a)?.inverse() * pose(b)?, truth(a)?.inverse() * truth(b)?))
     }
@@ -382,9 +385,10 @@ impl<'a> Run<'a> {
         let (found, truth) = self.relative(map, a, b, time_s)?;
         let turn = wrap(found.heading_rad - truth.heading_rad);
         let e = Vector3::new(found.x_m - truth.x_m, found.y_m - truth.y_m, turn);
-        let placed: Vec<_> = map.robots.iter().filter(|r| r.team_from_body.is_some()).collect();
+        let component = map.robots.iter().find(|r| r.id == self.robots[a].id)?.component;
+        let placed: Vec<_> = map.placed(component).collect();
         let row = |k: usize| Some(3 * placed.iter().position(|r| r.id == self.robots[k].id)?);
-        let joint = full_covariance(&map.joint_covariance, 3 * placed.len())?;
+        let joint = map.joint_covariance_of(component)?;
         let (i, j) = (row(a)?, row(b)?);
         let (pa, pb) = (placed[i / 3].team_from_body?, placed[j / 3].team_from_body?);
         let (s, c) = pa.heading_rad.sin_cos();

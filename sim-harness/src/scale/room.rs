@@ -1,5 +1,5 @@
-//! A room of four robots at the corners of a square and four people who walk in circles, as bearings with noise. It shares no formula
-//! with the leader: positions are chosen, angles follow.
+//! A room of four robots at the corners of a square, each room's a little another, and four people who walk in circles, as bearings
+//! with noise. It shares no formula with the leader: positions are chosen, angles follow.
 
 use protocol::id::{RobotId, TrackId};
 use protocol::message::observation::FeaturePart;
@@ -30,6 +30,8 @@ const PERSON_SIGMA_RAD: f64 = 0.006;
 /// One sigma of elevations, radians.
 const ELEVATION_SIGMA_RAD: f64 = 0.003;
 
+/// How far the corners of other rooms are from those of the first at most, metres.
+const OFF_M: f64 = 0.35;
 /// Walks repeat after so long, seconds: large angles would lose digits.
 const DAY_S: f64 = 1e5;
 
@@ -39,18 +41,28 @@ pub struct Room {
     seed: u64,
     number: usize,
     sequence: u32,
+    coded: bool,
 }
 
 impl Room {
     /// Rooms are numbered from 0; each has its own angles.
     pub fn new(number: usize, seed: u64) -> Self {
-        Self { seed, number, sequence: 0 }
+        Self { seed, number, sequence: 0, coded: false }
+    }
+
+    /// Its robots wear codes: sightings say who is seen.
+    #[must_use]
+    pub fn with_codes(self) -> Self {
+        Self { coded: true, ..self }
     }
 
     /// Robot 0 to 3: place in the room (metres) and heading (radians).
     pub fn robot(&self, robot: usize) -> [f64; 3] {
         let corner = [[-1.6, -1.4], [1.7, -1.3], [1.5, 1.6], [-1.5, 1.5]][robot % ROOM];
-        [corner[0], corner[1], 1.3 * (self.number * ROOM + robot) as f64]
+        let k = (self.number * ROOM + robot % ROOM) as f64;
+        // No two rooms are alike.
+        let off = |turn: f64| if self.number == 0 { 0.0 } else { OFF_M * (turn * k).sin() };
+        [corner[0] + off(2.4), corner[1] + off(5.1), 1.3 * k]
     }
 
     /// Person 0 to 3 after so many seconds: place and height.
@@ -103,7 +115,7 @@ impl Room {
             let features = vec![edge(FeaturePart::Right, -half), edge(FeaturePart::Left, half)];
             sightings.push(PeerSighting {
                 marker: 0,
-                robot: None,
+                robot: RobotId::new(&format!("r{}", self.number * ROOM + other)).ok().filter(|_| self.coded),
                 bearing: Angle16::from_rad(bearing(to)),
                 bearing_sigma: LogSigma::from_value(EDGE_SIGMA_RAD),
                 range: None,

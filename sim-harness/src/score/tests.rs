@@ -82,7 +82,7 @@ fn a_targets_covariance_holds_what_the_poses_add() {
     map.joint_covariance = vec![0.03, 0.0, 0.0, 0.03, 0.0, 0.0];
     let mut target = target(1, [0.0, 0.0], [0.01, 0.0, 0.01]);
     target.pose_jacobian = vec![1.0, 0.0, 0.0, 0.0, 1.0, 0.0];
-    let covariance = target_covariance(&target, &joint_covariance(&map));
+    let covariance = map.covariance_of(&target).unwrap();
     assert!((covariance[(0, 0)] - 0.04).abs() < 1e-6 && covariance[(0, 1)].abs() < 1e-9);
 }
 
@@ -188,6 +188,7 @@ fn map(robots: &[(&str, f64, f64, f64)]) -> TeamMap {
 fn target(id: u32, at: [f64; 2], [xx, xy, yy]: [f32; 3]) -> MapTarget {
     MapTarget {
         id: TargetId(id),
+        component: 0,
         position_m: [at[0], at[1], 0.9],
         velocity_mps: [0.0; 2],
         height_m: None,

@@ -80,9 +80,12 @@ async fn run_team(
     let leader = tokio::spawn(leader.run(until(stopped.clone())));
 
     let observer = Transport::open(Options::client(locators.clone())).await.map_err(failed)?;
-    let mut maps = observer.subscribe_map(team).await.map_err(failed)?;
-    let everybody = Pattern::EveryRobot(team, RobotTopic::Observation);
-    let mut observations = observer.subscribe::<Observation>(everybody).await.map_err(failed)?;
+    let (mut maps, mut observations) = (None, None);
+    if !settings.unwatched {
+        maps = Some(observer.subscribe_map(team).await.map_err(failed)?);
+        let everybody = Pattern::EveryRobot(team, RobotTopic::Observation);
+        observations = Some(observer.subscribe::<Observation>(everybody).await.map_err(failed)?);
+    }
 
     let zero = clock.now() + LEAD;
     let robots = start_robots(scenario, &world, settings, zero, team, &locators, &stopped)?;
@@ -91,13 +94,15 @@ async fn run_team(
     let mut tick = tokio::time::interval(TICK);
     while clock.now() < end {
         tokio::select! {
-            Some(map) = maps.recv() => heard.maps.push(map),
-            Some(observation) = observations.recv() => heard.observations.push(observation),
+            Some(map) = async { maps.as_mut()?.recv().await }, if maps.is_some() => heard.maps.push(map),
+            Some(observation) = async { observations.as_mut()?.recv().await }, if observations.is_some() => {
+                heard.observations.push(observation);
+            }
             _ = tick.tick() => progress(clock.now().seconds_since(zero).clamp(0.0, duration_s)),
         }
     }
     let names: Vec<RobotId> = robots.iter().map(|r| r.name).collect();
-    let pictures = pictures(&observer, team, &names).await;
+    let pictures = if settings.unwatched { Vec::new() } else { pictures(&observer, team, &names).await };
 
     // Whoever has ended already needs no word.
     let _ = stop.send(true);

@@ -65,7 +65,7 @@ const USED_AGAIN: f64 = 4.0;
 const INNOVATIONS: f64 = 60.0;
 
 /// Robots on the move.
-#[derive(Debug, Default)]
+#[derive(Debug, Clone, Default)]
 pub struct Convoy {
     members: Vec<Member>,
     views: Vec<View>,

@@ -1,8 +1,10 @@
 //! The calibration as it runs: one call an observation.
 
 mod elsewhere;
+mod exchange;
 mod remembered;
 mod robots;
+mod roster;
 mod stations;
 mod watch;
 
@@ -18,7 +20,8 @@ use super::convoy::Convoy;
 use super::rover::Rover;
 use super::slot::Sighted;
 use crate::leader::config::CalibrationConfig;
-use robots::Robot;
+pub use robots::Robot;
+use roster::Roster;
 pub use watch::Finding;
 
 /// Covariance of a pose that is given, not measured.
@@ -38,18 +41,19 @@ const CONTRADICTIONS: u32 = 3;
 /// Most slots of one robot.
 const MAX_SLOTS: usize = 48;
 
-/// Where all robots are. Robots are numbered as the leader met them; nothing else depends on their order.
-#[derive(Debug)]
+/// Where the robots of a component are. Robots are numbered as the leader met them; nothing else depends on their order.
+#[derive(Debug, Clone)]
 pub struct Calibrator {
     config: CalibrationConfig,
     anchor: Option<(usize, Pose2)>,
-    robots: Vec<Robot>,
+    robots: Roster,
     block: Block,
     /// Used while nobody has ever stood: what drives, with odometry.
     convoy: Convoy,
     gauge: Option<usize>,
     ambiguous: Vec<usize>,
     last_naming: Option<Timestamp>,
+    next_root: usize,
     last_check: Option<Timestamp>,
     last_solve: Option<Timestamp>,
     changes: Changes,
@@ -64,6 +68,7 @@ pub struct Calibrator {
     /// Placed robots whose sightings others can verify.
     verifiable: BTreeSet<usize>,
     last_watch: Option<Timestamp>,
+    thrifty: bool,
 }
 
 /// How well the standing robots' solution fits. Quantiles are dear and change only with the degrees of freedom.
@@ -106,12 +111,13 @@ impl Calibrator {
         Self {
             config,
             anchor: None,
-            robots: Vec::new(),
+            robots: Roster::default(),
             block: Block::new(config.common_width_rad),
             convoy: Convoy::default(),
             gauge: None,
             ambiguous: Vec::new(),
             last_naming: None,
+            next_root: 0,
             last_check: None,
             last_solve: None,
             changes: Changes::default(),
@@ -122,23 +128,27 @@ impl Calibrator {
             misnamed: BTreeSet::new(),
             verifiable: BTreeSet::new(),
             last_watch: None,
+            thrifty: false,
         }
     }
 
-    /// One more robot; its number is the count before.
-    pub fn add_robot(&mut self, anchor: Option<Pose2>) -> usize {
-        let robot = self.robots.len();
-        self.robots.push(Robot::default());
+    /// One more robot, by its number; the anchor with its pose.
+    pub fn add_robot(&mut self, robot: usize, anchor: Option<Pose2>) {
+        self.robots.insert(robot, Robot::default());
         if let Some(pose) = anchor {
             self.anchor = Some((robot, pose));
         }
-        robot
     }
 
     /// The robot stands where it is said to, for good: a member from the start, its pose never solved for.
     pub fn fix(&mut self, robot: usize, pose: Pose2) {
         self.block.insert(robot, pose, &(Matrix3::identity() * GAUGE_VAR));
         self.gauge = self.gauge.or(Some(robot));
+    }
+
+    /// One of many components: its standing robots are solved for as seldom as a large component's.
+    pub fn be_thrifty(&mut self, thrifty: bool) {
+        self.thrifty = thrifty;
     }
 
     /// Works on one observation.
@@ -204,13 +214,12 @@ impl Calibrator {
 
     /// All robots with a pose, at `at`.
     pub fn poses(&self, at: Timestamp) -> impl Iterator<Item = (usize, Pose2)> + '_ {
-        (0..self.robots.len()).filter_map(move |r| Some((r, self.pose(r, at)?)))
+        self.robots.numbers().filter_map(move |r| Some((r, self.pose(r, at)?)))
     }
 
     /// Robots that are followed as moving, with pose at `at` and covariance.
     pub fn rovers(&self, at: Timestamp) -> impl Iterator<Item = (usize, Pose2, Matrix3<f64>)> + '_ {
-        let rovers = self.robots.iter().enumerate();
-        rovers.filter_map(move |(r, robot)| {
+        self.robots.iter().filter_map(move |(r, robot)| {
             let rover = robot.rover.as_ref().filter(|_| !robot.is_doubted())?;
             Some((r, rover.pose_at(at), rover.covariance(&self.block)))
         })
@@ -243,7 +252,7 @@ impl Calibrator {
     /// How the calibration stands, with the robots that are the reason.
     pub fn status(&self) -> (MapStatus, Vec<usize>) {
         let unplaced: Vec<usize> =
-            (0..self.robots.len()).filter(|&r| self.robots[r].seen && !self.is_placed(r)).collect();
+            self.robots.iter().filter(|(r, robot)| robot.seen && !self.is_placed(*r)).map(|(r, _)| r).collect();
         let (chi2, dof) = self.block.chi2();
         if self.gauge().is_none() && self.findings.is_empty() {
             let status = if self.ambiguous.is_empty() { MapStatus::Waiting } else { MapStatus::Ambiguous };

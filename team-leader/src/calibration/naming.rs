@@ -11,6 +11,8 @@
 //! complete ones are solved jointly; their cost is χ² plus the price of misses and of slots left without a name. A robot
 //! is placed only where every naming within the margin of the best agrees on its pose.
 
+mod around;
+
 use std::collections::BTreeSet;
 
 use nalgebra::{Matrix3, Vector3};
@@ -21,6 +23,7 @@ use super::block::{Block, Link};
 use super::closed_form::relative_pose;
 use super::kernel;
 use super::slot::SlotMean;
+pub use around::around;
 
 /// Partial namings kept.
 const BEAM: usize = 24;
@@ -88,6 +91,8 @@ pub struct Naming {
     pub placed: Vec<(usize, Pose2)>,
     /// Robots that could be placed in several ways.
     pub ambiguous: Vec<usize>,
+    /// Robots whose place might as well be that of another one, which the best naming does not place.
+    pub replaceable: Vec<usize>,
     /// Name of each slot of each view under the best naming, for slots between placed robots.
     pub names: Vec<Vec<Option<usize>>>,
     /// χ² and prices of the best naming.
@@ -332,6 +337,11 @@ fn conclude(solved: &[(f64, Partial)], views: &[View], margin: f64) -> Naming {
                     && wrap(other.heading_rad - pose.heading_rad).abs() < SAME_HEADING_RAD
             })
         });
+        let held = matches!(view.known, Known::Fixed(_));
+        if !held && rivals.iter().any(|rival| takes_the_place(rival, best, j)) {
+            certain[j] = false;
+            naming.replaceable.push(view.robot);
+        }
         if certain[j] { naming.placed.push((view.robot, pose)) } else { naming.ambiguous.push(view.robot) }
     }
     // Names go out as robots, and only between certain ones.
@@ -341,6 +351,13 @@ fn conclude(solved: &[(f64, Partial)], views: &[View], margin: f64) -> Naming {
         }
     }
     naming
+}
+
+/// Whether a robot that `best` does not place could be where it has robot `j`: somebody sees it in the same slot. (Robots that
+/// `best` places only change places, which their poses tell.)
+fn takes_the_place(rival: &Partial, best: &Partial, j: usize) -> bool {
+    let mut pairs = best.names.iter().flatten().zip(rival.names.iter().flatten());
+    pairs.any(|(ours, theirs)| *ours == Some(j) && theirs.is_some_and(|other| best.poses[other].is_none()))
 }
 
 #[cfg(test)]

@@ -90,6 +90,8 @@ pub struct Shared {
 pub struct Systematic {
     config: TargetConfig,
     watched: Vec<Watched>,
+    /// Robots in the order of their rows below.
+    numbers: Vec<usize>,
     /// Lag and bias of each robot, two rows each.
     information: DMatrix<f64>,
     vector: DVector<f64>,
@@ -102,6 +104,7 @@ pub struct Systematic {
 
 #[derive(Debug, Clone, Copy)]
 struct Pending {
+    /// Its row.
     robot: usize,
     used: Timestamp,
     stamped: Timestamp,
@@ -123,6 +126,7 @@ impl Systematic {
         Self {
             config,
             watched: Vec::new(),
+            numbers: Vec::new(),
             information: DMatrix::zeros(0, 0),
             vector: DVector::zeros(0),
             estimate: DVector::zeros(0),
@@ -134,7 +138,7 @@ impl Systematic {
 
     /// What is known of a robot.
     pub fn of(&self, robot: usize) -> Shared {
-        self.robots.get(robot).map_or(Shared { widened: 1.0, ..Shared::default() }, |r| r.shared)
+        self.row(robot).map_or(Shared { widened: 1.0, ..Shared::default() }, |k| self.robots[k].shared)
     }
 
     /// A frame goes into use, corrected: what the robot itself said is kept until its owners are settled.
@@ -142,34 +146,41 @@ impl Systematic {
         if self.pending.len() >= MAX_PENDING {
             let _ = self.pending.pop_front();
         }
+        let robot = self.row(robot).unwrap_or_else(|| self.add(robot));
         self.pending.push_back(Pending { robot, used, stamped, sigma_s, pose });
-        while self.robots.len() <= robot {
-            self.robots.push(Fit { shared: Shared { widened: 1.0, ..Shared::default() }, ..Fit::default() });
-            let n = 2 * self.robots.len();
-            self.information = self.information.clone().resize(n, n, 0.0);
-            self.vector = self.vector.clone().resize_vertically(n, 0.0);
-            self.estimate = self.estimate.clone().resize_vertically(n, 0.0);
-        }
+    }
+
+    /// Number of a robot among those that have been met, by which everything here goes.
+    fn row(&self, robot: usize) -> Option<usize> {
+        self.numbers.iter().position(|known| *known == robot)
+    }
+
+    fn add(&mut self, robot: usize) -> usize {
+        self.numbers.push(robot);
+        self.robots.push(Fit { shared: Shared { widened: 1.0, ..Shared::default() }, ..Fit::default() });
+        let n = 2 * self.robots.len();
+        self.information = self.information.clone().resize(n, n, 0.0);
+        self.vector = self.vector.clone().resize_vertically(n, 0.0);
+        self.estimate = self.estimate.clone().resize_vertically(n, 0.0);
+        self.robots.len() - 1
     }
 
     /// The robot left its station: its heading is another, and what is on the way was seen from there. Its lag stays.
     pub fn left_station(&mut self, robot: usize) {
+        let Some(robot) = self.row(robot) else { return };
         self.pending.retain(|p| p.robot != robot);
         self.watched.retain(|w| !w.concerns(robot));
-        if robot < self.robots.len() {
-            self.marginalise(2 * robot + 1, BIAS_RAD);
-            let shared = &mut self.robots[robot].shared;
-            (shared.bias_rad, shared.sure_bias_rad) = (None, 0.0);
-        }
+        self.marginalise(2 * robot + 1, BIAS_RAD);
+        let shared = &mut self.robots[robot].shared;
+        (shared.bias_rad, shared.sure_bias_rad) = (None, 0.0);
     }
 
     /// The robot began a new session: another camera, another clock.
     pub fn new_session(&mut self, robot: usize) {
         self.left_station(robot);
-        if robot < self.robots.len() {
-            self.marginalise(2 * robot, LAG_S);
-            self.robots[robot] = Fit { shared: Shared { widened: 1.0, ..Shared::default() }, ..Fit::default() };
-        }
+        let Some(robot) = self.row(robot) else { return };
+        self.marginalise(2 * robot, LAG_S);
+        self.robots[robot] = Fit { shared: Shared { widened: 1.0, ..Shared::default() }, ..Fit::default() };
     }
 
     /// One unknown begins anew; what it told of the others stays.
@@ -186,7 +197,8 @@ impl Systematic {
 
     /// Learns from a frame whose owners are final.
     pub fn learn(&mut self, frame: &SettledFrame) {
-        let Some(k) = self.pending.iter().position(|p| p.robot == frame.robot && p.used == frame.at) else { return };
+        let Some(robot) = self.row(frame.robot) else { return };
+        let Some(k) = self.pending.iter().position(|p| p.robot == robot && p.used == frame.at) else { return };
         let Some(pending) = self.pending.remove(k) else { return };
         for &(id, bearing_rad, sigma_rad) in &frame.bearings {
             self.take(id, &pending, bearing_rad, sigma_rad);

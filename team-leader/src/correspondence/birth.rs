@@ -228,10 +228,11 @@ impl Follower {
         let of = |x: usize| &self.candidates[hopeful[x]];
         let weights: Vec<f64> = hopeful.iter().map(|k| worth(*k)).collect();
         let shares = |x: usize, y: usize| of(x).tracks.iter().any(|t| of(y).tracks.contains(t));
-        let (best, chosen) = packing::best(&weights, &|_| true, &shares);
+        let exclude = packing::exclusions(hopeful.len(), shares);
+        let (best, chosen) = packing::best(&weights, &|_| true, &exclude);
         let clear = chosen.into_iter().filter(|&k| !standing[hopeful[k]]).filter(|&k| {
             let same = |j: usize| shares(j, k) && (of(j).position - of(k).position).norm() < ROBOT_M;
-            let lead = || best - packing::best(&weights, &|j| !same(j), &shares).0;
+            let lead = || best - packing::best(&weights, &|j| !same(j), &exclude).0;
             (of(k).count >= LEAST_COUNT && self.is_missed_near(of(k).position))
                 || EVIDENCE.iter().any(|(enough, needed)| of(k).count >= *enough && lead() > *needed)
         });
@@ -267,7 +268,7 @@ impl Follower {
         };
         let robbed: Vec<TargetId> = self.targets.iter().filter(|f| half_taken(f)).map(|f| f.id).collect();
         self.targets.push(newborn);
-        self.accept(proposal);
+        self.accept(proposal, context);
         let bereft = |f: &Followed| robbed.contains(&f.id);
         let former = self
             .targets

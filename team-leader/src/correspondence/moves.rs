@@ -28,7 +28,7 @@ impl Follower {
     pub(super) fn reconsider(&mut self, context: &Context<'_>) {
         for _ in 0..MOST_CHANGES {
             let Some(best) = self.best_change(context) else { return };
-            self.accept(best);
+            self.accept(best, context);
         }
     }
 

@@ -1,5 +1,6 @@
 //! What the measurements so far make of one object, and how well it explains them.
 
+use nalgebra::Matrix3;
 use protocol::angle::difference;
 use protocol::frames::Pose2;
 use protocol::time::Timestamp;
@@ -41,6 +42,16 @@ pub struct Context<'a> {
     pub config: &'a TargetConfig,
     /// Where robots stand, how surely.
     pub calibrator: &'a Calibrator,
+    /// The covariance of each standing robot's pose by itself, which is asked for again and again.
+    pub covariances: &'a [(usize, Matrix3<f64>)],
+}
+
+impl Context<'_> {
+    /// Covariance of a robot's pose.
+    pub fn covariance(&self, robot: usize) -> Matrix3<f64> {
+        let known = self.covariances.iter().find(|(r, _)| *r == robot);
+        known.map_or_else(|| self.calibrator.covariance(robot, robot), |(_, covariance)| *covariance)
+    }
 }
 
 /// A frame of the window: what one robot saw at one time.
@@ -126,10 +137,9 @@ impl State {
 
     /// How far away the object is (m), and how a sight fits it: squared residual over its variance, and the variance, rad².
     fn fit(&self, seen: &Seen, sight: &Sight, context: &Context<'_>) -> (f64, f64, f64) {
-        let rough = seen.bearing(context.config, sight, 3.0, 1.0);
-        let range_m = self.target.innovation(&rough).range_m;
+        let range_m = self.target.range_m(&seen.pose, seen.at);
         let m = seen.bearing(context.config, sight, range_m, 1.0);
-        let (d2, var) = gate_distance2(&self.target.innovation(&m), &self.target, &m, context.calibrator);
+        let (d2, var) = gate_distance2(&self.target.innovation(&m), &self.target, &m, context);
         (range_m, d2, var)
     }
 

@@ -69,13 +69,14 @@ pub struct Proposal {
     pub changes: Vec<Change>,
     /// By how much the frames since are explained better, nats.
     pub gain: f64,
-    reruns: Vec<(TargetId, Vec<State>)>,
+    /// How the targets concerned would end.
+    ends: Vec<(TargetId, State)>,
 }
 
 impl Proposal {
     /// How a target would end.
     pub fn last_state(&self, id: TargetId) -> Option<&State> {
-        self.reruns.iter().find(|(r, _)| *r == id)?.1.last()
+        self.ends.iter().find(|(r, _)| *r == id).map(|(_, state)| state)
     }
 }
 
@@ -90,19 +91,24 @@ impl Followed {
         self.trail.get(i.checked_sub(self.first(window))?)
     }
 
-    /// Its states before the frames from `from` on and after the last, if these changes were made.
-    fn rerun(&self, window: &VecDeque<Kept>, from: usize, changes: &[Change], context: &Context<'_>) -> Vec<State> {
+    /// How it would end if these changes were made from frame `from` on; `pass` sees its state before each frame.
+    fn rerun(
+        &self,
+        window: &VecDeque<Kept>,
+        from: usize,
+        changes: &[Change],
+        context: &Context<'_>,
+        mut pass: impl FnMut(&State),
+    ) -> State {
         let first = self.first(window);
         let from = from.max(first);
         let mut state = self.trail.get(from - first).unwrap_or(&self.state).clone();
-        let mut states = Vec::with_capacity(window.len() - from + 1);
-        for kept in window.iter().skip(from) {
-            states.push(state.clone());
+        for kept in window.range(from..) {
+            pass(&state);
             let sight = kept.owned(self.id, changes).map(|k| &kept.seen.sights[k]);
             state.take(&kept.seen, sight, &self.looks, context);
         }
-        states.push(state);
-        states
+        state
     }
 }
 
@@ -125,18 +131,28 @@ impl Follower {
         affected.sort_unstable();
         affected.dedup();
         let mut gain = 0.0;
-        let mut reruns = Vec::with_capacity(affected.len());
+        let mut ends = Vec::with_capacity(affected.len());
         for followed in self.targets.iter().chain(newborn).filter(|f| affected.contains(&f.id)) {
-            let states = followed.rerun(&self.window, from, &changes, context);
-            gain += states.last().map_or(0.0, |s| s.score) - followed.state.score;
-            reruns.push((followed.id, states));
+            let end = followed.rerun(&self.window, from, &changes, context, |_| {});
+            gain += end.score - followed.state.score;
+            ends.push((followed.id, end));
         }
-        Proposal { from, changes, gain, reruns }
+        Proposal { from, changes, gain, ends }
     }
 
     /// Makes a change; a newborn target must be among the targets already.
-    pub(super) fn accept(&mut self, proposal: Proposal) {
-        let Proposal { from, changes, reruns, .. } = proposal;
+    pub(super) fn accept(&mut self, proposal: Proposal, context: &Context<'_>) {
+        let Proposal { from, changes, ends, .. } = proposal;
+        for (id, end) in ends {
+            let Some(k) = self.targets.iter().position(|f| f.id == id) else { continue };
+            let mut states = Vec::with_capacity(self.window.len());
+            self.targets[k].rerun(&self.window, from, &changes, context, |state| states.push(state.clone()));
+            let followed = &mut self.targets[k];
+            followed.state = end;
+            followed.trail.truncate(followed.trail.len().saturating_sub(states.len()));
+            followed.trail.extend(states);
+            debug_assert!(followed.trail.len() <= self.window.len());
+        }
         for kept in self.window.iter_mut().skip(from) {
             for (sight, owner) in kept.seen.sights.iter().zip(&mut kept.owners) {
                 if let Some(c) = change_of(&changes, kept.seen.robot, sight.track) {
@@ -148,16 +164,6 @@ impl Follower {
             if let Some(m) = self.memories.iter_mut().find(|m| m.is(change.robot, change.track)) {
                 m.bound = change.to;
             }
-        }
-        let window = self.window.len();
-        for (id, mut states) in reruns {
-            let Some(followed) = self.targets.iter_mut().find(|f| f.id == id) else { continue };
-            let Some(last) = states.pop() else { continue };
-            followed.state = last;
-            let keep = followed.trail.len().saturating_sub(states.len());
-            followed.trail.truncate(keep);
-            followed.trail.extend(states);
-            debug_assert!(followed.trail.len() <= window);
         }
     }
 

@@ -3,6 +3,7 @@
 use protocol::message::{TrackObservation, Trust};
 use protocol::quantity::LogSigma;
 
+use super::components::Component;
 use super::{Leader, Output};
 use crate::calibration::live::Finding;
 use crate::correspondence::Frame;
@@ -14,9 +15,12 @@ const TOLD_BIAS_RAD: f64 = 0.01;
 impl Leader {
     /// A frame goes to the follower, less the errors that the robot's bearings are known to share.
     pub(super) fn follow(&mut self, frame: &Frame<'_>, outputs: &mut Vec<Output>) {
-        let shared = self.systematic.of(frame.robot);
+        let home = self.members[frame.robot].component;
+        let thrift = self.thrift();
+        let Component { calibrator, follower, systematic, .. } = &mut self.components[home];
+        let shared = systematic.of(frame.robot);
         let used = frame.at.offset_by_secs(-shared.sure_lag_s);
-        self.systematic.expect(frame.robot, used, frame.at, frame.at_sigma_s, frame.pose);
+        systematic.expect(frame.robot, used, frame.at, frame.at_sigma_s, frame.pose);
         let mut pose = frame.pose;
         pose.heading_rad = protocol::angle::wrap(pose.heading_rad - shared.sure_bias_rad);
         let widened: Vec<TrackObservation>;
@@ -30,18 +34,19 @@ impl Leader {
         } else {
             frame.tracks
         };
-        self.follower.observe(&Frame { at: used, pose, tracks, ..*frame }, &self.calibrator);
-        for settled in self.follower.take_settled() {
-            self.systematic.learn(&settled);
+        follower.be_thrifty(thrift as u32);
+        follower.observe(&Frame { at: used, pose, tracks, ..*frame }, calibrator);
+        for settled in follower.take_settled() {
+            systematic.learn(&settled);
         }
-        for robot in 0..self.members.len() {
+        for robot in self.robots_of(home).collect::<Vec<_>>() {
             self.tell_of_shared_errors(robot, outputs);
         }
     }
 
     /// What people should know of a robot's shared errors, once each.
     fn tell_of_shared_errors(&mut self, robot: usize, outputs: &mut Vec<Output>) {
-        let now = self.systematic.of(robot);
+        let now = self.home(robot).systematic.of(robot);
         let found = [now.sure_lag_s.abs() > TOLD_LAG_S, now.sure_bias_rad.abs() > TOLD_BIAS_RAD, now.widened > 1.0];
         let told = std::mem::replace(&mut self.members[robot].told_shared, found);
         let id = self.members[robot].id;
@@ -74,7 +79,8 @@ impl Leader {
 
     /// What the calibration has found to be wrong, once each.
     pub(super) fn tell_findings(&mut self, outputs: &mut Vec<Output>) {
-        for finding in self.calibrator.take_new_findings() {
+        let found = self.components.iter_mut().flat_map(|component| component.calibrator.take_new_findings());
+        for finding in found.collect::<Vec<_>>() {
             let text = self.in_words(&finding);
             self.tell(text, outputs);
         }
@@ -121,8 +127,9 @@ impl Leader {
 
     /// What the map says of how far a robot's sigmas are believed.
     pub(super) fn trust(&self, robot: usize) -> Trust {
-        let shared = self.systematic.of(robot);
-        if shared.set_aside || self.calibrator.is_set_aside(robot) {
+        let home = &self.components[self.members[robot].component];
+        let shared = home.systematic.of(robot);
+        if shared.set_aside || home.calibrator.is_set_aside(robot) {
             Trust::SetAside
         } else if shared.widened > 1.0 {
             Trust::Widened(shared.widened as f32)

@@ -38,13 +38,11 @@ const SAME_M: f64 = 0.2;
 /// Bearings' mean squares follow within so many bearings.
 const SIGMA_MEMORY: f64 = 100.0;
 
-/// The planner's state.
+/// The planner's state, of a component.
 #[derive(Debug, Default)]
 pub struct Guide {
     samples: VecDeque<(Timestamp, Vector2<f64>)>,
     last_sample: Option<Timestamp>,
-    /// Variance that each robot states of a bearing, and frames a second.
-    seen: Vec<(f64, f64)>,
     round: Option<Round>,
     /// Goals given: robot, where it stood, where to.
     goal: Option<(usize, Pose2, Pose2)>,
@@ -70,31 +68,28 @@ struct Round {
 
 impl Leader {
     /// Goes on with planning by one message of work.
-    pub(super) fn guide(&mut self, now: Timestamp, outputs: &mut Vec<Output>) {
+    pub(super) fn guide(&mut self, home: usize, now: Timestamp, outputs: &mut Vec<Output>) {
         if !self.config.guidance.enabled {
             return;
         }
-        self.sample(now);
-        if self.guide.round.is_none() {
+        self.sample(home, now);
+        if self.components[home].guide.round.is_none() {
             let config = &self.config.guidance;
-            let wait = self.guide.last_told.is_some_and(|t| now.seconds_since(t) < config.interval_s);
-            if wait || self.somebody_moves() || !self.begin_round() {
+            let wait = self.components[home].guide.last_told.is_some_and(|t| now.seconds_since(t) < config.interval_s);
+            if wait || self.somebody_moves(home) || !self.begin_round(home) {
                 return;
             }
         }
-        if self.somebody_moves() {
-            self.guide.round = None;
+        if self.somebody_moves(home) {
+            self.components[home].guide.round = None;
             return;
         }
-        self.go_on(now, outputs);
+        self.go_on(home, now, outputs);
     }
 
     /// What a robot's frame says of its bearings.
     pub(super) fn note_bearings(&mut self, robot: usize, sigmas: impl Iterator<Item = f64>, since_s: Option<f64>) {
-        while self.guide.seen.len() <= robot {
-            self.guide.seen.push((0.0, 0.0));
-        }
-        let (var, rate_hz) = &mut self.guide.seen[robot];
+        let (var, rate_hz) = &mut self.members[robot].bearings;
         for sigma in sigmas {
             *var += if *var == 0.0 { sigma * sigma } else { (sigma * sigma - *var) / SIGMA_MEMORY };
         }
@@ -103,34 +98,36 @@ impl Leader {
         }
     }
 
-    fn sample(&mut self, now: Timestamp) {
-        if self.guide.last_sample.is_some_and(|t| now.seconds_since(t) < SAMPLE_S) {
+    fn sample(&mut self, home: usize, now: Timestamp) {
+        if self.components[home].guide.last_sample.is_some_and(|t| now.seconds_since(t) < SAMPLE_S) {
             return;
         }
-        self.guide.last_sample = Some(now);
-        let samples = &mut self.guide.samples;
-        for followed in self.follower.targets().iter().filter(|f| f.is_confirmed()) {
+        self.components[home].guide.last_sample = Some(now);
+        let component = &mut self.components[home];
+        let people: Vec<_> = component.confirmed().map(|followed| followed.state.target.position()).collect();
+        let samples = &mut component.guide.samples;
+        for position in people {
             if samples.len() >= MAX_SAMPLES {
                 samples.pop_front();
             }
-            samples.push_back((now, followed.state.target.position()));
+            samples.push_back((now, position));
         }
         samples.retain(|(at, _)| now.seconds_since(*at) < KEPT_S);
     }
 
-    fn somebody_moves(&self) -> bool {
-        (0..self.members.len()).any(|r| self.members[r].alive && self.calibrator.moves(r))
+    fn somebody_moves(&self, home: usize) -> bool {
+        self.robots_of(home).any(|r| self.members[r].alive && self.components[home].calibrator.moves(r))
     }
 
-    fn begin_round(&mut self) -> bool {
-        let stations: Vec<(usize, Pose2)> = self.calibrator.stations().collect();
-        let guide = &self.guide;
+    fn begin_round(&mut self, home: usize) -> bool {
+        let stations: Vec<(usize, Pose2)> = self.components[home].calibrator.stations().collect();
+        let guide = &self.components[home].guide;
         if stations.len() < 2 || guide.samples.is_empty() {
             return false;
         }
         let robots: Vec<usize> = stations.iter().map(|(r, _)| *r).collect();
         let post = |&(robot, pose): &(usize, Pose2)| {
-            let (var, rate_hz) = guide.seen.get(robot).copied().filter(|(var, rate)| *var > 0.0 && *rate > 0.0)?;
+            let (var, rate_hz) = Some(self.members[robot].bearings).filter(|(var, rate)| *var > 0.0 && *rate > 0.0)?;
             let radius_m = self.members[robot].radius_m().unwrap_or(0.25);
             Some(Post { pose, radius_m, sigma_rad: var.sqrt(), rate_hz })
         };
@@ -138,9 +135,9 @@ impl Leader {
         // Evenly over the time that is kept.
         let stride = guide.samples.len().div_ceil(MAX_PLACES);
         let places: Vec<_> = guide.samples.iter().step_by(stride).map(|(_, p)| *p).collect();
-        let poses = joint(&robots, |a, b| self.calibrator.covariance(a, b));
+        let poses = joint(&robots, |a, b| self.components[home].calibrator.covariance(a, b));
         let Some(here_m2) = mean_square_m2(&posts, &poses, &places, &self.config.targets) else { return false };
-        self.guide.round = Some(Round {
+        self.components[home].guide.round = Some(Round {
             robots,
             posts,
             places,
@@ -155,23 +152,23 @@ impl Leader {
         true
     }
 
-    fn go_on(&mut self, now: Timestamp, outputs: &mut Vec<Output>) {
-        let Some(mut round) = self.guide.round.take() else { return };
-        let mut work = WORK;
+    fn go_on(&mut self, home: usize, now: Timestamp, outputs: &mut Vec<Output>) {
+        let Some(mut round) = self.components[home].guide.round.take() else { return };
+        let mut work = WORK / self.thrift();
         while round.turn < round.robots.len() {
             if round.rest.is_none() {
-                self.begin_turn(&mut round);
+                self.begin_turn(home, &mut round);
             }
             while let Some(trial) = round.trials.pop() {
                 let Some(rest) = &round.rest else { break };
-                if let Some(value) = self.expected(&round, round.turn, rest, trial)
+                if let Some(value) = self.expected(home, &round, round.turn, rest, trial)
                     && round.best.is_none_or(|(least, _)| value < least)
                 {
                     round.best = Some((value, trial));
                 }
                 work = work.saturating_sub(round.places.len() * round.posts.len());
                 if work == 0 {
-                    self.guide.round = Some(round);
+                    self.components[home].guide.round = Some(round);
                     return;
                 }
             }
@@ -187,13 +184,13 @@ impl Leader {
                 }
             }
         }
-        self.conclude(now, &round, outputs);
+        self.conclude(home, now, &round, outputs);
     }
 
     /// The robots without the one whose turn it is, and places for it.
-    fn begin_turn(&self, round: &mut Round) {
+    fn begin_turn(&self, home: usize, round: &mut Round) {
         let robot = round.robots[round.turn];
-        round.rest = Some(self.calibrator.without(robot));
+        round.rest = Some(self.components[home].calibrator.without(robot));
         if !self.may_be_sent(robot) {
             round.trials.clear();
             round.fine = true;
@@ -201,7 +198,9 @@ impl Leader {
         }
         let reach_m = self.config.guidance.reach_m;
         let mut trials = grid(round.posts[round.turn].pose.position(), GRID, 2.0 * reach_m / f64::from(GRID - 1));
-        if let Some((_, _, goal)) = self.guide.goal.filter(|(r, stood, _)| *r == robot && same(stood, round, robot)) {
+        if let Some((_, _, goal)) =
+            self.components[home].guide.goal.filter(|(r, stood, _)| *r == robot && same(stood, round, robot))
+        {
             trials.push(goal.position());
         }
         round.trials = trials;
@@ -214,7 +213,7 @@ impl Leader {
     }
 
     /// Expected mean square error if the robot of a turn stood at `place`, beside the `rest`; `None` where it may not.
-    fn expected(&self, round: &Round, turn: usize, rest: &Block, place: Vector2<f64>) -> Option<f64> {
+    fn expected(&self, home: usize, round: &Round, turn: usize, rest: &Block, place: Vector2<f64>) -> Option<f64> {
         let robot = round.robots[turn];
         let apart = |p: Vector2<f64>, least: f64| (p - place).norm() >= least;
         let others = || round.posts.iter().enumerate().filter(|(k, _)| *k != turn).map(|(_, p)| p);
@@ -226,7 +225,7 @@ impl Leader {
         }
         let mut posts = round.posts.clone();
         posts[turn].pose = Pose2::new(place.x, place.y, posts[turn].pose.heading_rad);
-        let block = self.calibrator.with_elsewhere(rest, robot, posts[turn].pose)?;
+        let block = self.components[home].calibrator.with_elsewhere(rest, robot, posts[turn].pose)?;
         let poses: DMatrix<f64> = joint(&round.robots, |a, b| block.covariance(a, b).unwrap_or_default());
         mean_square_m2(&posts, &poses, &round.places, &self.config.targets)
     }
@@ -244,16 +243,17 @@ impl Leader {
     }
 
     /// The robot that gains most is told.
-    fn conclude(&mut self, now: Timestamp, round: &Round, outputs: &mut Vec<Output>) {
-        self.guide.last_told = Some(now);
+    fn conclude(&mut self, home: usize, now: Timestamp, round: &Round, outputs: &mut Vec<Output>) {
+        self.components[home].guide.last_told = Some(now);
         let Some(&(value, turn, place)) = round.found.iter().min_by(|a, b| a.0.total_cmp(&b.0)) else { return };
         let stood = round.posts[turn].pose;
         let mut best = (value, round.robots[turn], stood, Pose2::new(place.x, place.y, stood.heading_rad));
         // Who has been told goes on being told the same while that is nearly the best.
-        let told = self.guide.goal.take().filter(|(robot, stood, _)| same(stood, round, *robot));
+        let told = self.components[home].guide.goal.take().filter(|(robot, stood, _)| same(stood, round, *robot));
         if let Some((robot, stood, goal)) = told
             && let Some(turn) = round.robots.iter().position(|r| *r == robot)
-            && let Some(value) = self.expected(round, turn, &self.calibrator.without(robot), goal.position())
+            && let Some(value) =
+                self.expected(home, round, turn, &self.components[home].calibrator.without(robot), goal.position())
             && BETTER * value < best.0
         {
             best = (value, robot, stood, goal);
@@ -261,7 +261,7 @@ impl Leader {
         let (value, robot, stood, goal) = best;
         let (here_m, there_m) = (round.here_m2.sqrt(), value.sqrt());
         if there_m <= self.config.guidance.worth * here_m {
-            self.guide.goal = Some((robot, stood, goal));
+            self.components[home].guide.goal = Some((robot, stood, goal));
             outputs.push(Output::Guidance(Guidance {
                 robot: self.members[robot].id,
                 at: now,

@@ -8,17 +8,16 @@
 //! stands elsewhere is placed anew by what it sees. A leader that has already solved in a frame of its own gives it up: nobody
 //! has seen it.
 
+use std::collections::BTreeMap;
+
 use nalgebra::Matrix3;
 use protocol::frames::Pose2;
 use protocol::id::RobotId;
 use protocol::message::TeamMap;
 use protocol::time::Timestamp;
 
-use super::names::Own;
 use super::{Leader, Output};
 use crate::calibration::live::Calibrator;
-use crate::correspondence::Follower;
-use crate::team_map::build::full_covariance;
 
 /// A robot of both maps is elsewhere when it is further away than this and the stated sigmas, metres and radians.
 const ELSEWHERE: (f64, f64) = (0.1, 0.035);
@@ -30,8 +29,8 @@ const DIFFERS_S: f64 = 0.5;
 /// What is remembered between maps of others.
 #[derive(Debug, Default)]
 pub struct Heritage {
-    /// Since when the own frame differs from the ruling leader's.
-    differs_since: Option<Timestamp>,
+    /// Since when our frame differs from the ruling leader's, by its components.
+    differs_since: BTreeMap<u8, Timestamp>,
     /// Robots whose places were read from a file and have not been confirmed.
     from_file: Vec<RobotId>,
 }
@@ -41,43 +40,67 @@ impl Leader {
     /// Call it before anything else; `now` is the leader's clock.
     pub fn resume(&mut self, now: Timestamp, saved: &TeamMap, outputs: &mut Vec<Output>) {
         self.succession.term_heard(saved.term);
-        self.take_places(now, saved, true, outputs);
-        self.heritage.from_file = placed(saved).into_iter().map(|(id, ..)| id).collect();
-        self.names.follow(&saved.targets, saved.next_target, saved.stamp, &[]);
+        for component in saved.components() {
+            self.take_places(now, saved, component, true, outputs);
+            self.heritage.from_file.extend(saved.placed(component).map(|robot| robot.id));
+        }
+        self.follow_numbers(saved, saved.stamp);
     }
 
     /// A map of the leader that rules, while this one stands by.
     pub(super) fn inherit(&mut self, now: Timestamp, map: &TeamMap, outputs: &mut Vec<Output>) {
-        if self.calibrator.gauge().is_none() {
-            self.take_places(now, map, false, outputs);
-        } else if self.frame_differs(map) {
-            let since = *self.heritage.differs_since.get_or_insert(now);
-            if now.seconds_since(since) >= DIFFERS_S {
-                self.forget_frame();
-                self.take_places(now, map, false, outputs);
-                self.heritage.differs_since = None;
+        let components = map.components();
+        self.heritage.differs_since.retain(|component, _| components.contains(component));
+        for theirs in components {
+            let Some(ours) = self.counterpart(map, theirs) else {
+                self.take_places(now, map, theirs, false, outputs);
+                continue;
+            };
+            if !self.frame_differs(map, theirs, ours) {
+                self.heritage.differs_since.remove(&theirs);
+                continue;
             }
-        } else {
-            self.heritage.differs_since = None;
+            let since = *self.heritage.differs_since.entry(theirs).or_insert(now);
+            if now.seconds_since(since) >= DIFFERS_S {
+                self.forget_frame(ours);
+                self.take_places(now, map, theirs, false, outputs);
+                self.heritage.differs_since.remove(&theirs);
+            }
         }
-        let at = map.stamp.offset_by_secs(self.seconds_behind(map));
-        let own: Vec<Own> = self
-            .follower
-            .targets()
-            .iter()
-            .filter(|followed| followed.is_confirmed())
-            .map(|followed| {
-                let (target, ahead_s) = (&followed.state.target, at.seconds_since(followed.state.last));
-                let position = target.position() + target.velocity() * ahead_s.clamp(-0.5, 0.5);
-                Own { id: followed.id, position }
+        self.follow_numbers(map, map.stamp.offset_by_secs(self.seconds_behind(map)));
+    }
+
+    /// Learns which of our targets bear which numbers in a map, of the instant `at`.
+    fn follow_numbers(&mut self, map: &TeamMap, at: Timestamp) {
+        let serial = |component: usize| self.components[component].serial;
+        let frames: BTreeMap<u8, u32> =
+            map.components().into_iter().filter_map(|c| Some((c, serial(self.counterpart(map, c)?)))).collect();
+        let own = self.own_targets(at);
+        self.names.follow(&map.targets, map.next_target, at, &own, |component| frames.get(&component).copied());
+    }
+
+    /// Our component that has places for most robots of one of a map's; the team's own for the team's own. `None` where we have
+    /// no such frame yet.
+    fn counterpart(&self, map: &TeamMap, theirs: u8) -> Option<usize> {
+        if theirs == 0 {
+            return self.components[0].calibrator.gauge().map(|_| 0);
+        }
+        let homes: Vec<usize> = map
+            .placed(theirs)
+            .filter_map(|robot| {
+                let k = self.members.iter().position(|m| m.id == robot.id)?;
+                let home = self.members[k].component;
+                self.components[home].calibrator.knows(k).then_some(home)
             })
             .collect();
-        self.names.follow(&map.targets, map.next_target, at, &own);
+        let count = |home: usize| homes.iter().filter(|h| **h == home).count();
+        homes.iter().copied().max_by_key(|home| (count(*home), usize::MAX - home))
     }
 
     /// Says which robots stand elsewhere than remembered, once they are placed.
     pub(super) fn tell_of_moved(&mut self, outputs: &mut Vec<Output>) {
-        for k in self.calibrator.take_moved() {
+        let moved = self.components.iter_mut().flat_map(|component| component.calibrator.take_moved());
+        for k in moved.collect::<Vec<_>>() {
             let id = self.members[k].id;
             if self.heritage.from_file.contains(&id) {
                 self.tell(
@@ -88,25 +111,31 @@ impl Leader {
         }
     }
 
-    fn take_places(&mut self, now: Timestamp, map: &TeamMap, from_file: bool, outputs: &mut Vec<Output>) {
-        let gauge = map.gauge;
-        for (id, pose, covariance) in placed(map) {
+    /// Robots of one of the map's components stand as it says, in a frame that we take over.
+    fn take_places(&mut self, now: Timestamp, map: &TeamMap, theirs: u8, from_file: bool, outputs: &mut Vec<Output>) {
+        let ours = match theirs {
+            0 => 0,
+            _ => self.new_component(Calibrator::new(self.config.calibration)),
+        };
+        for (id, pose, covariance) in placed(map, theirs) {
             let Some(k) = self.member(id, outputs) else { continue };
             if from_file {
                 self.members[k].alive = false;
             }
-            let is_gauge = gauge == Some(id);
-            self.calibrator.remember(k, pose, &covariance, now, is_gauge, from_file);
+            self.move_to(k, ours, now);
+            let is_gauge = map.gauge == Some(id);
+            self.home(k).calibrator.remember(k, pose, &covariance, now, is_gauge, from_file);
         }
     }
 
     /// Whether most robots that both place stand elsewhere here than there.
-    fn frame_differs(&self, map: &TeamMap) -> bool {
+    fn frame_differs(&self, map: &TeamMap, theirs: u8, ours: usize) -> bool {
+        let calibrator = &self.components[ours].calibrator;
         let (mut common, mut elsewhere) = (0, 0);
-        for (id, theirs, covariance) in placed(map) {
+        for (id, theirs, covariance) in placed(map, theirs) {
             let Some(k) = self.members.iter().position(|m| m.id == id) else { continue };
-            let Some(ours) = self.calibrator.station(k) else { continue };
-            let both = covariance + self.calibrator.covariance(k, k);
+            let Some(ours) = calibrator.station(k) else { continue };
+            let both = covariance + calibrator.covariance(k, k);
             let away_m = (theirs.position() - ours.position()).norm();
             let turned_rad = protocol::angle::wrap(theirs.heading_rad - ours.heading_rad).abs();
             let moved = away_m > ELSEWHERE.0 + ELSEWHERE_SIGMAS * (both[(0, 0)] + both[(1, 1)]).sqrt()
@@ -117,12 +146,11 @@ impl Leader {
         2 * elsewhere >= common.max(1)
     }
 
-    /// Everything that is expressed in the own frame goes; robots and their clocks stay.
-    fn forget_frame(&mut self) {
-        self.calibrator = Calibrator::new(self.config.calibration);
-        self.follower = Follower::new(self.config.targets);
-        for k in 0..self.members.len() {
-            self.introduce(self.members[k].id);
+    /// Everything that is expressed in one of our frames goes; robots and their clocks stay.
+    fn forget_frame(&mut self, component: usize) {
+        self.components[component].clear(&self.config);
+        for k in self.robots_of(component).collect::<Vec<_>>() {
+            self.introduce(k);
         }
     }
 
@@ -142,17 +170,16 @@ impl Leader {
     }
 }
 
-/// Robots of the map's first component with pose and covariance.
-fn placed(map: &TeamMap) -> Vec<(RobotId, Pose2, Matrix3<f64>)> {
-    let robots = map.robots.iter().filter(|robot| robot.team_from_body.is_some());
-    let joint = full_covariance(&map.joint_covariance, 3 * robots.clone().count());
-    robots
+/// Robots of one of the map's components with pose and covariance.
+fn placed(map: &TeamMap, component: u8) -> Vec<(RobotId, Pose2, Matrix3<f64>)> {
+    let joint = map.joint_covariance_of(component);
+    map.placed(component)
         .enumerate()
         .filter_map(|(k, robot)| {
             let covariance = joint.as_ref()?.fixed_view::<3, 3>(3 * k, 3 * k).into_owned();
             // Rounded to single precision on the wire.
             let covariance = covariance + Matrix3::identity() * 1e-10;
-            Some((robot.id, robot.team_from_body.filter(|_| robot.component == 0)?, covariance))
+            Some((robot.id, robot.team_from_body?, covariance))
         })
         .collect()
 }

@@ -5,8 +5,8 @@ use protocol::frames::Pose2;
 use protocol::id::RobotId;
 use protocol::message::observation::FeaturePart;
 use protocol::message::{
-    Alarm, Announcement, ClockProbe, ClockReply, Motion, Observation, Odometry, PeerSighting, Stages, TrackState,
-    Trouble,
+    Alarm, Announcement, ClockProbe, ClockReply, Motion, Observation, Odometry, PeerSighting, Recent, Stages,
+    TrackState, Trouble,
 };
 use protocol::time::Timestamp;
 
@@ -47,38 +47,45 @@ impl Leader {
             return self.tell(text, outputs);
         }
         let Some(k) = self.member(robot, outputs) else { return };
-        self.calibrator.is_back(k);
+        self.home(k).calibrator.is_back(k);
         self.members[k].announced = Some((announcement.epoch, announcement.marker, announcement.camera));
     }
 
-    /// Uses what has waited for the robot's announcement or its clock; true where something was used.
-    pub(super) fn catch_up(&mut self, now: Timestamp, robot: RobotId, outputs: &mut Vec<Output>) -> bool {
-        let Some(member) = self.members.iter_mut().find(|member| member.id == robot) else { return false };
-        let mut used = false;
-        for observation in member.take_waiting(self.config.clock.trusted) {
-            used |= self.observed(now, robot, observation, outputs);
+    /// What a robot saw before this leader came.
+    pub(super) fn remind(&mut self, robot: RobotId, recent: Recent) {
+        if let Some(member) = self.members.iter_mut().find(|member| member.id == robot) {
+            member.remind(recent);
         }
-        if let Some(member) = self.members.iter_mut().find(|member| used && member.id == robot) {
+    }
+
+    /// Uses what has waited for the robot's announcement or its clock; the robot's number where something was used.
+    pub(super) fn catch_up(&mut self, now: Timestamp, robot: RobotId, outputs: &mut Vec<Output>) -> Option<usize> {
+        let member = self.members.iter_mut().find(|member| member.id == robot)?;
+        let mut used = None;
+        for observation in member.take_waiting(self.config.clock.trusted) {
+            used = self.observed(now, robot, observation, outputs).or(used);
+        }
+        if let Some(k) = used {
             // They took as long as they waited, not as long as the network takes.
-            member.usual_delay_s = None;
+            self.members[k].usual_delay_s = None;
         }
         used
     }
 
-    /// Uses an observation; false where it was refused, or waits.
+    /// Uses an observation; the robot's number, or `None` where it was refused, or waits.
     pub(super) fn observed(
         &mut self,
         now: Timestamp,
         robot: RobotId,
         observation: Observation,
         outputs: &mut Vec<Output>,
-    ) -> bool {
-        let Some(k) = self.member(robot, outputs) else { return false };
+    ) -> Option<usize> {
+        let k = self.member(robot, outputs)?;
         self.members[k].heard = Some(now);
         self.members[k].alive = true;
         let verdict = self.sessions.heard(now, robot, observation.epoch);
         if !self.is_used(robot, verdict, outputs) {
-            return false;
+            return None;
         }
         let trusted = self.config.clock.trusted;
         let member = &self.members[k];
@@ -90,7 +97,7 @@ impl Leader {
             self.members[k].trouble = Some(Trouble::NotAnnounced);
             self.members[k].wait(observation);
             self.tell(format!("robot {robot} sends observations but has not announced itself yet: they wait"), outputs);
-            return false;
+            return None;
         };
         let limit_s = self.config.clock.max_uncertainty_s;
         // A new session has a new clock until a probe says otherwise.
@@ -106,13 +113,13 @@ impl Leader {
                 );
                 // The figure is that of the first time: later ones would be told again and again.
                 self.tell_once(format!("clock of {robot}"), text, outputs);
-                return false;
+                return None;
             }
             (false, Some(clock)) => (clock.leader_time(observation.capture), clock.sigma_s(now)),
             (false, None) => {
                 self.members[k].trouble = Some(Trouble::ClockUnknown);
                 self.members[k].wait(observation);
-                return false;
+                return None;
             }
         };
         let admission =
@@ -126,7 +133,7 @@ impl Leader {
                         Refusal::Future => "is stamped in the future: is its clock stepping?",
                     };
                     self.tell(format!("an observation of robot {robot} {why}; such are counted and not used"), outputs);
-                    return false;
+                    return None;
                 }
             };
         let member = &mut self.members[k];
@@ -147,8 +154,8 @@ impl Leader {
         }
         self.newest = Some(self.newest.map_or(at, |n| n.max(at)));
         if admission.new_session {
-            self.follower.forget_tracks(k);
-            self.systematic.new_session(k);
+            self.home(k).follower.forget_tracks(k);
+            self.home(k).systematic.new_session(k);
         }
         let sightings: Vec<Sighted> = if observation.stages.ran(Stages::PEERS) {
             observation.sightings.iter().filter_map(|s| self.sighted(s)).collect()
@@ -158,7 +165,10 @@ impl Leader {
         let sigmas =
             observation.tracks.iter().filter(|t| t.state == TrackState::Visible).map(|t| t.bearing_sigma.value());
         self.note_bearings(k, sigmas, admission.since_last_s);
-        let changes = self.calibrator.observe(&Look {
+        let thrifty = self.thrift() > 1;
+        let home = self.home(k);
+        home.calibrator.be_thrifty(thrifty);
+        let changes = home.calibrator.observe(&Look {
             robot: k,
             at,
             since_last_s: admission.since_last_s,
@@ -166,16 +176,14 @@ impl Leader {
             odometry: observation.odometry.as_ref().and_then(odometry_of),
             sightings: &sightings,
         });
-        for (robot, ..) in &changes.left {
-            self.systematic.left_station(*robot);
-        }
+        home.follow_changes(&changes, at);
         self.tell_findings(outputs);
-        self.follower.follow_changes(&changes, at);
-        if let (Some(pose), Motion::Standing) = (self.calibrator.station(k), observation.motion) {
+        self.exchange_robots(at);
+        if let (Some(pose), Motion::Standing) = (self.home(k).calibrator.station(k), observation.motion) {
             let frame = Frame { robot: k, at, at_sigma_s, pose, camera, tracks: &observation.tracks };
             self.follow(&frame, outputs);
         }
-        true
+        Some(k)
     }
 
     pub(super) fn clock_replied(

@@ -4,7 +4,7 @@ use std::collections::VecDeque;
 
 use protocol::id::RobotId;
 use protocol::marker::Marker;
-use protocol::message::{CameraSummary, Observation, Presence, Trouble, Trust};
+use protocol::message::{CameraSummary, Observation, Presence, Recent, Trouble, Trust};
 use protocol::time::Timestamp;
 
 use super::config::ClockConfig;
@@ -21,6 +21,8 @@ const MAX_WAITING: usize = 32;
 pub struct Member {
     /// Who.
     pub id: RobotId,
+    /// Which component it belongs to, of the leader's list.
+    pub component: usize,
     /// Whether its liveliness token is there.
     pub alive: bool,
     /// Session, marker and camera as announced.
@@ -47,6 +49,8 @@ pub struct Member {
     pub usual_delay_s: Option<f64>,
     /// Observations in a row that took another time.
     pub unusual_delays: u32,
+    /// Variance that it states of a bearing, rad², and frames a second; 0 where not known yet.
+    pub bearings: (f64, f64),
     /// Observations that came before its announcement or its clock's first answer.
     waiting: VecDeque<Observation>,
 }
@@ -56,6 +60,7 @@ impl Member {
     pub fn new(id: RobotId) -> Self {
         Self {
             id,
+            component: 0,
             alive: true,
             announced: None,
             timeline: Timeline::default(),
@@ -69,6 +74,7 @@ impl Member {
             trouble: None,
             usual_delay_s: None,
             unusual_delays: 0,
+            bearings: (0.0, 0.0),
             waiting: VecDeque::new(),
         }
     }
@@ -79,6 +85,21 @@ impl Member {
             self.waiting.pop_front();
         }
         self.waiting.push_back(observation);
+    }
+
+    /// Puts what it saw before in front of what waits, unless something newer was used.
+    pub fn remind(&mut self, recent: Recent) {
+        let first = self.waiting.front().map(|first| (first.epoch, first.sequence));
+        let epoch = first.map(|(epoch, _)| epoch).or(self.announced.as_ref().map(|(epoch, ..)| *epoch));
+        if self.used.is_some() || epoch.is_none() {
+            return;
+        }
+        let before = |o: &Observation| Some(o.epoch) == epoch && first.is_none_or(|(_, number)| o.sequence < number);
+        for observation in recent.observations.into_iter().filter(before).rev() {
+            if self.waiting.len() < MAX_WAITING {
+                self.waiting.push_front(observation);
+            }
+        }
     }
 
     /// What has waited for what is known now, oldest first.
@@ -116,6 +137,7 @@ impl Member {
         };
         RobotFacts {
             id: self.id,
+            component: self.component,
             presence,
             clock_offset_s: self.clock.map(|c| (c.offset_s() as f32, c.sigma_s(now) as f32)),
             last_capture: self.timeline.last_capture(),

@@ -1,6 +1,6 @@
 //! Numbers of targets that outlive a leader.
 //!
-//! Every leader follows the same people under numbers of its own. What the team hears are the numbers of the map: a leader that
+//! Every leader follows the same people under numbers of its own, in each component. What the team hears are the numbers of the map: a leader that
 //! stands by learns from each map of the ruling one which of its own targets bears which, and keeps to that when it rules. A
 //! target that it does not follow (it came late, or everything was restarted) leaves its number and place behind, and whoever
 //! is found there soon gets it.
@@ -27,10 +27,13 @@ const MAX_NAMES: usize = 4096;
 /// Most numbers that wait.
 const MAX_WAITING: usize = 256;
 
+/// A number of our own: of a component, by its serial, and its target.
+pub type OwnId = (u32, TargetId);
+
 /// Our own numbers and those of the map.
 #[derive(Debug)]
 pub struct Names {
-    of: BTreeMap<TargetId, TargetId>,
+    of: BTreeMap<OwnId, TargetId>,
     waiting: Vec<Waiting>,
     next: u32,
 }
@@ -38,6 +41,8 @@ pub struct Names {
 #[derive(Debug, Clone, Copy)]
 struct Waiting {
     id: TargetId,
+    /// Whose frame it was in.
+    component: u32,
     position: Vector2<f64>,
     velocity: Vector2<f64>,
     at: Timestamp,
@@ -47,8 +52,8 @@ struct Waiting {
 #[derive(Debug, Clone, Copy)]
 pub struct Own {
     /// Our number.
-    pub id: TargetId,
-    /// On the floor, metres.
+    pub id: OwnId,
+    /// On the floor in its component's frame, metres.
     pub position: Vector2<f64>,
 }
 
@@ -64,14 +69,23 @@ impl Names {
         TargetId(self.next)
     }
 
-    /// Learns from a map of another leader, of the instant `at`, with `next` as the first free number.
-    pub fn follow(&mut self, targets: &[MapTarget], next: TargetId, at: Timestamp, own: &[Own]) {
+    /// Learns from a map of another leader, of the instant `at`, with `next` as the first free number. `ours` is the serial of
+    /// our component that holds the robots of one of its components.
+    pub fn follow(
+        &mut self,
+        targets: &[MapTarget],
+        next: TargetId,
+        at: Timestamp,
+        own: &[Own],
+        ours: impl Fn(u8) -> Option<u32>,
+    ) {
+        let frames: Vec<Option<u32>> = targets.iter().map(|target| ours(target.component)).collect();
         self.next = self.next.max(next.0);
         let place = |target: &MapTarget| Vector2::new(target.position_m[0], target.position_m[1]);
         let mut pairs: Vec<(f64, usize, usize)> = Vec::new();
         for (t, target) in targets.iter().enumerate() {
             self.next = self.next.max(target.id.0.saturating_add(1));
-            for (o, mine) in own.iter().enumerate() {
+            for (o, mine) in own.iter().enumerate().filter(|(_, mine)| frames[t] == Some(mine.id.0)) {
                 let apart_m = (mine.position - place(target)).norm();
                 if apart_m < SAME_M {
                     let loyal = self.of.get(&mine.id) == Some(&target.id);
@@ -93,12 +107,39 @@ impl Names {
         }
         let age_s = |w: &Waiting| at.seconds_since(w.at).abs();
         self.waiting.retain(|w| age_s(w) < WAITS_S && targets.iter().all(|t| t.id != w.id));
-        for (_, target) in targets.iter().enumerate().filter(|(t, _)| !paired.contains(t)) {
+        for (t, target) in targets.iter().enumerate().filter(|(t, _)| !paired.contains(t)) {
             // Nobody of ours may go on under a number that the ruling leader sees elsewhere.
             self.of.retain(|_, name| *name != target.id);
             let velocity = Vector2::new(f64::from(target.velocity_mps[0]), f64::from(target.velocity_mps[1]));
-            self.waiting.push(Waiting { id: target.id, position: place(target), velocity, at });
+            if let Some(component) = frames[t] {
+                self.waiting.push(Waiting { id: target.id, component, position: place(target), velocity, at });
+            }
         }
+        self.keep_limits();
+    }
+
+    /// A target of ours ends, and may be found again in another component, at `position` in its frame.
+    pub fn hand_over(
+        &mut self,
+        own: OwnId,
+        component: u32,
+        position: Vector2<f64>,
+        velocity: Vector2<f64>,
+        at: Timestamp,
+    ) {
+        if let Some(id) = self.of.remove(&own) {
+            self.waiting.push(Waiting { id, component, position, velocity, at });
+            self.keep_limits();
+        }
+    }
+
+    /// A component is no more.
+    pub fn forget(&mut self, component: u32) {
+        self.of.retain(|(of, _), _| *of != component);
+        self.waiting.retain(|w| w.component != component);
+    }
+
+    fn keep_limits(&mut self) {
         let excess = self.waiting.len().saturating_sub(MAX_WAITING);
         self.waiting.drain(..excess);
         while self.of.len() > MAX_NAMES {
@@ -107,7 +148,7 @@ impl Names {
     }
 
     /// The number in the map of a target of our own that is found at `position` at `now`.
-    pub fn name(&mut self, own: TargetId, position: Vector2<f64>, now: Timestamp) -> TargetId {
+    pub fn name(&mut self, own: OwnId, position: Vector2<f64>, now: Timestamp) -> TargetId {
         if let Some(name) = self.of.get(&own) {
             return *name;
         }
@@ -116,6 +157,7 @@ impl Names {
             .waiting
             .iter()
             .enumerate()
+            .filter(|(_, w)| w.component == own.0)
             .filter_map(|(k, w)| {
                 let age_s = now.seconds_since(w.at).max(0.0);
                 let there = w.position + w.velocity * age_s.min(HEADED_S);
@@ -131,10 +173,8 @@ impl Names {
                 name
             }
         };
-        if self.of.len() >= MAX_NAMES {
-            self.of.pop_first();
-        }
         self.of.insert(own, name);
+        self.keep_limits();
         name
     }
 }
@@ -147,12 +187,13 @@ mod tests {
     fn who_is_found_where_the_ruling_leader_saw_somebody_keeps_the_number() {
         let mut names = Names::default();
         let own = [mine(1, 0.0, 0.0), mine(2, 2.0, 0.0)];
-        names.follow(&[theirs(7, 2.1, 0.0), theirs(9, 0.0, 0.1), theirs(11, 5.0, 5.0)], TargetId(20), at(0.0), &own);
-        assert_eq!(names.name(TargetId(1), own[0].position, at(0.1)), TargetId(9));
-        assert_eq!(names.name(TargetId(2), own[1].position, at(0.1)), TargetId(7));
+        let targets = [theirs(7, 2.1, 0.0), theirs(9, 0.0, 0.1), theirs(11, 5.0, 5.0)];
+        names.follow(&targets, TargetId(20), at(0.0), &own, first);
+        assert_eq!(names.name((0, TargetId(1)), own[0].position, at(0.1)), TargetId(9));
+        assert_eq!(names.name((0, TargetId(2)), own[1].position, at(0.1)), TargetId(7));
         // Found late, half a metre on.
-        assert_eq!(names.name(TargetId(3), Vector2::new(5.4, 5.0), at(1.0)), TargetId(11));
-        assert_eq!(names.name(TargetId(4), Vector2::new(-3.0, 0.0), at(1.0)), TargetId(20));
+        assert_eq!(names.name((0, TargetId(3)), Vector2::new(5.4, 5.0), at(1.0)), TargetId(11));
+        assert_eq!(names.name((0, TargetId(4)), Vector2::new(-3.0, 0.0), at(1.0)), TargetId(20));
         assert_eq!(names.next(), TargetId(21));
     }
 
@@ -162,38 +203,60 @@ mod tests {
         for step in 0..=20 {
             let x = -1.0 + 0.1 * f64::from(step);
             let own = [mine(1, x, 0.0), mine(2, -x, 0.15)];
-            names.follow(&[theirs(5, x, 0.02), theirs(6, -x, 0.13)], TargetId(7), at(0.1 * f64::from(step)), &own);
+            let targets = [theirs(5, x, 0.02), theirs(6, -x, 0.13)];
+            names.follow(&targets, TargetId(7), at(0.1 * f64::from(step)), &own, first);
         }
-        assert_eq!(names.name(TargetId(1), Vector2::zeros(), at(2.0)), TargetId(5));
-        assert_eq!(names.name(TargetId(2), Vector2::zeros(), at(2.0)), TargetId(6));
+        assert_eq!(names.name((0, TargetId(1)), Vector2::zeros(), at(2.0)), TargetId(5));
+        assert_eq!(names.name((0, TargetId(2)), Vector2::zeros(), at(2.0)), TargetId(6));
     }
 
     #[test]
     fn a_number_waits_no_longer_than_it_may_mean_the_same_person() {
         let mut names = Names::default();
-        names.follow(&[theirs(5, 0.0, 0.0)], TargetId(6), at(0.0), &[]);
-        assert_eq!(names.name(TargetId(1), Vector2::zeros(), at(WAITS_S + 0.1)), TargetId(6));
+        names.follow(&[theirs(5, 0.0, 0.0)], TargetId(6), at(0.0), &[], first);
+        assert_eq!(names.name((0, TargetId(1)), Vector2::zeros(), at(WAITS_S + 0.1)), TargetId(6));
     }
 
     #[test]
     fn a_leader_that_never_followed_counts_from_one() {
         let mut names = Names::default();
-        assert_eq!(names.name(TargetId(4), Vector2::zeros(), at(0.0)), TargetId(1));
-        assert_eq!(names.name(TargetId(9), Vector2::zeros(), at(0.0)), TargetId(2));
-        assert_eq!(names.name(TargetId(4), Vector2::zeros(), at(5.0)), TargetId(1));
+        assert_eq!(names.name((0, TargetId(4)), Vector2::zeros(), at(0.0)), TargetId(1));
+        assert_eq!(names.name((0, TargetId(9)), Vector2::zeros(), at(0.0)), TargetId(2));
+        assert_eq!(names.name((0, TargetId(4)), Vector2::zeros(), at(5.0)), TargetId(1));
+    }
+
+    #[test]
+    fn places_of_different_components_are_never_compared() {
+        let mut names = Names::default();
+        let other = MapTarget { component: 1, ..theirs(5, 0.0, 0.0) };
+        names.follow(&[other.clone(), theirs(6, 3.0, 0.0)], TargetId(7), at(0.0), &[mine(1, 0.0, 0.0)], first);
+        assert_eq!(names.name((0, TargetId(1)), Vector2::zeros(), at(0.1)), TargetId(7));
+        // Its component is our serial 4: found there, but not in another frame.
+        let both = |component: u8| Some(if component == 1 { 4 } else { 0 });
+        names.follow(&[other], TargetId(8), at(0.2), &[], both);
+        assert_eq!(names.name((0, TargetId(2)), Vector2::zeros(), at(0.3)), TargetId(8));
+        assert_eq!(names.name((4, TargetId(1)), Vector2::zeros(), at(0.3)), TargetId(5));
+        // The two rooms turn out to be one: whoever stood there is found again in the other frame.
+        names.hand_over((4, TargetId(1)), 0, Vector2::new(2.0, 1.0), Vector2::zeros(), at(0.4));
+        assert_eq!(names.name((0, TargetId(3)), Vector2::new(2.1, 1.0), at(0.8)), TargetId(5));
     }
 
     fn at(s: f64) -> Timestamp {
         Timestamp::from_secs_f64(1000.0 + s)
     }
 
+    fn first(component: u8) -> Option<u32> {
+        (component == 0).then_some(0)
+    }
+
     fn mine(id: u32, x: f64, y: f64) -> Own {
-        Own { id: TargetId(id), position: Vector2::new(x, y) }
+        Own { id: (0, TargetId(id)), position: Vector2::new(x, y) }
     }
 
     fn theirs(id: u32, x: f64, y: f64) -> MapTarget {
         MapTarget {
             id: TargetId(id),
+            component: 0,
             position_m: [x, y, 0.9],
             velocity_mps: [0.0; 2],
             height_m: None,

@@ -1,6 +1,7 @@
 //! The leader against a synthetic world that shares no formula with it.
 
 mod bad_input;
+mod components;
 mod guidance;
 mod score;
 mod succession;
@@ -251,4 +252,39 @@ fn observations_wait_for_announcement_and_clock() {
     let map = outputs.iter().find_map(|o| if let Output::Map(map) = o { Some(map) } else { None }).unwrap();
     assert!(map.stamp.seconds_since(world::clock(0.401)).abs() < 1e-5, "the stamp is on the leader's clock");
     assert!((map.robots[0].clock_offset_s.unwrap().0 - 4.999).abs() < 1e-5);
+}
+
+#[test]
+fn a_leader_that_comes_late_uses_what_robots_saw_before() {
+    let mut world = World::new(Settings { drives: vec![], duration_s: 3.0, ..Settings::default() }, 8);
+    // Another leader was there; what the robots said in the last second is theirs to tell again.
+    let said = world.run_recorded(&mut Leader::new(LeaderCoreConfig::new("l1".parse().unwrap())));
+    let now = world::clock(3.0);
+    let mut config = LeaderCoreConfig::new("l2".parse().unwrap());
+    config.listens_s = 0.0;
+    config.clock.trusted = true;
+    let map_after = |recent: bool| {
+        let mut leader = Leader::new(config.clone());
+        let mut outputs = Vec::new();
+        for robot in &world.robots {
+            leader.handle(now, Input::RobotAlive(robot.id), &mut outputs);
+            leader.handle(now, Input::Announcement(world::announcement(robot.id)), &mut outputs);
+        }
+        for robot in world.robots.iter().filter(|_| recent) {
+            let of = said.iter().filter(|(at_s, id, _)| *id == robot.id && *at_s > 2.0 && *at_s < 2.9);
+            let observations = of.map(|(_, _, observation)| observation.clone()).collect();
+            leader.handle(now, Input::Recent(robot.id, Recent { observations }), &mut outputs);
+        }
+        for (_, robot, observation) in said.iter().filter(|(at_s, ..)| *at_s >= 2.9) {
+            leader.handle(now, Input::Observation(*robot, observation.clone()), &mut outputs);
+        }
+        let mut maps =
+            outputs.into_iter().rev().filter_map(|o| if let Output::Map(map) = o { Some(map) } else { None });
+        maps.next().unwrap()
+    };
+    let placed = |map: &TeamMap| map.placed(0).count();
+    assert_eq!(placed(&map_after(false)), 0);
+    let map = map_after(true);
+    assert_eq!(placed(&map), world.robots.len(), "{}", map.explanation);
+    assert!(map.robots.iter().all(|robot| robot.observations_lost == 0));
 }

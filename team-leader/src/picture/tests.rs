@@ -44,6 +44,47 @@ fn a_trail_forgets_what_is_older_than_five_seconds() {
     assert_eq!(trails.points[&TargetId(1)].len(), 51);
 }
 
+#[test]
+fn components_stand_in_panels_of_their_own() {
+    let mut map = map();
+    for (name, component, x_m) in [("r1", 0, -1.0), ("r2", 0, 2.0), ("r3", 1, 0.0), ("r4", 1, 1.5), ("r5", 2, 0.0)] {
+        map.robots.push(robot_at(name, component, [x_m, 0.5 * x_m]));
+    }
+    map.joint_covariance = vec![1e-4; 21 + 21 + 6];
+    map.targets = vec![target(1, [0.0, 0.0], [0.04, 0.0, 0.01]), target(2, [0.5, -1.0], [0.02, 0.0, 0.02])];
+    map.targets[1].component = 1;
+    map.targets.iter_mut().for_each(|target| target.pose_jacobian = vec![0.0; 12]);
+    let picture = draw(&map, &Trails::default(), None, 1000, 848);
+    if let Some(folder) = std::env::var_os("PICTURES") {
+        picture.save(std::path::Path::new(&folder).join("components.png")).unwrap();
+    }
+    // Two columns and two rows below 48 rows of text: each target in its own panel.
+    let count = |ink: Rgb<u8>, [u, v]: [u32; 2]| {
+        let pixels = (u..u + 500).flat_map(|u| (v..v + 400).map(move |v| (u, v)));
+        pixels.filter(|(u, v)| *picture.get_pixel(*u, *v) == ink).count()
+    };
+    for (ink, own, other) in [(TARGETS[1], [0, 48], [500, 48]), (TARGETS[2], [500, 48], [0, 48])] {
+        assert!(count(ink, own) > 10 && count(ink, other) == 0 && count(ink, [0, 448]) == 0);
+    }
+}
+
+fn robot_at(name: &str, component: u8, [x_m, y_m]: [f64; 2]) -> MapRobot {
+    MapRobot {
+        id: RobotId::new(name).unwrap(),
+        team_from_body: Some(Pose2::new(x_m, y_m, 0.3)),
+        component,
+        presence: Presence::Online,
+        moving: false,
+        clock_offset_s: None,
+        lag_s: None,
+        bias_rad: None,
+        trust: protocol::message::Trust::Full,
+        verifiable: true,
+        trouble: None,
+        observations_lost: 0,
+    }
+}
+
 fn room() -> Overlay {
     // With the margin of 0.4 m: 10 × 8 m.
     Overlay { outlines: vec![vec![[-4.6, -3.6], [4.6, -3.6], [4.6, 3.6], [-4.6, 3.6]]], ..Overlay::default() }
@@ -70,6 +111,7 @@ fn map() -> TeamMap {
 fn target(id: u32, at: [f64; 2], [xx, xy, yy]: [f32; 3]) -> MapTarget {
     MapTarget {
         id: TargetId(id),
+        component: 0,
         position_m: [at[0], at[1], 0.9],
         velocity_mps: [0.0; 2],
         height_m: None,

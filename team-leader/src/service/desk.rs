@@ -8,15 +8,15 @@ use protocol::id::{LeaderId, RobotId, TeamId};
 use protocol::key::{Key, Topic};
 use protocol::latency::Latencies;
 use protocol::message::map::MAX_ROBOTS;
-use protocol::message::{Alarm, Announcement, Candidacy, ClockReply, Guidance, Health, Observation, TeamMap};
+use protocol::message::{Alarm, Announcement, Candidacy, Guidance, Health, Observation, TeamMap};
 use protocol::time::Timestamp;
 use protocol::transport::{
-    Answered, Asked, AskedMap, AskedMapJson, AskedReplayStart, Publisher, Received, Sign, TextPublisher, Transport,
+    Asked, AskedMap, AskedMapJson, AskedReplayStart, Publisher, Received, Sign, TextPublisher, Transport,
     TransportError, WireBytes,
 };
 
 use super::heartbeat::Heartbeat;
-use super::probes::Probes;
+use super::probes::{Probes, Told};
 use super::replay::CommonStart;
 use super::state::Keeper;
 use super::{LONGEST_IDLE, Setup, Summary};
@@ -64,6 +64,8 @@ pub struct Desk {
     start: CommonStart,
     last_map: Option<TeamMap>,
     latencies: Latencies,
+    /// When observations arrived that no map has shown yet.
+    unshown: Vec<Timestamp>,
     observations: u64,
     maps: u64,
     notices: Vec<String>,
@@ -106,6 +108,7 @@ impl Desk {
             start: CommonStart::new(replay),
             last_map: None,
             latencies: Latencies::default(),
+            unshown: Vec::new(),
             observations: 0,
             maps: 0,
             notices,
@@ -193,10 +196,11 @@ impl Desk {
     pub fn observed(&mut self, got: Received<Observation>) {
         let Some(robot) = got.key.robot_id() else { return };
         self.observations += 1;
-        let before = self.maps;
+        self.unshown.push(got.arrived);
         self.handle(got.arrived, Input::Observation(robot, got.message));
-        if self.maps > before {
-            self.latencies.push(self.clock.now().seconds_since(got.arrived));
+        if !self.leader.owes_map() {
+            // A map has shown it, or none will.
+            self.unshown.clear();
         }
     }
 
@@ -212,8 +216,11 @@ impl Desk {
         }
     }
 
-    pub fn probed(&mut self, (robot, answered): (RobotId, Answered<ClockReply>)) {
-        self.handle(answered.arrived, Input::ClockReply(robot, answered.answer));
+    pub fn told(&mut self, (robot, told): (RobotId, Told)) {
+        match told {
+            Told::Clock(answered) => self.handle(answered.arrived, Input::ClockReply(robot, answered.answer)),
+            Told::Recent(answered) => self.handle(answered.arrived, Input::Recent(robot, answered.answer)),
+        }
     }
 
     pub fn map_heard(&mut self, got: Received<TeamMap>) {
@@ -230,6 +237,7 @@ impl Desk {
                 self.present.insert(robot);
             }
             self.handle(self.clock.now(), Input::RobotAlive(robot));
+            self.probes.recall(robot);
             self.maybe_start();
         } else {
             self.present.remove(&robot);
@@ -291,6 +299,10 @@ impl Desk {
 
     fn publish(&mut self, map: TeamMap) {
         self.maps += 1;
+        let now = self.clock.now();
+        for arrived in self.unshown.drain(..) {
+            self.latencies.push(now.seconds_since(arrived));
+        }
         if let Some(publisher) = &self.map {
             log_unsent(publisher.put(&map));
         }

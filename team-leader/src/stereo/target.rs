@@ -122,7 +122,8 @@ impl Target {
 
     /// Larger axis of the own covariance, m.
     pub fn sigma_m(&self) -> f64 {
-        self.own_covariance().symmetric_eigenvalues().max().max(0.0).sqrt()
+        let (xx, xy, yy) = (self.cov[(0, 0)], self.cov[(0, 1)], self.cov[(1, 1)]);
+        (0.5 * (xx + yy) + (0.5 * (xx - yy)).hypot(xy)).max(0.0).sqrt()
     }
 
     /// Height of the top and its variance, and whether it was ever seen.
@@ -160,14 +161,24 @@ impl Target {
 
     /// How a bearing fits, without using it. A bearing older than the state is compared with where the target was then.
     pub fn innovation(&self, m: &BearingFrom) -> Innovation {
-        let dt = m.at.seconds_since(self.at).clamp(-LONGEST_STEP_S, LONGEST_STEP_S);
-        let then = [self.mean[0] + dt * self.mean[2], self.mean[1] + dt * self.mean[3]];
+        let (dt, then) = self.place_at(m.at);
         let from = [m.pose.x_m, m.pose.y_m, m.pose.heading_rad];
         let (bearing, to_pose, to_point) = kernel::bearing(from, then);
         let own = RowVector4::new(to_point[0], to_point[1], dt * to_point[0], dt * to_point[1]);
         let (range_m, _, _) = kernel::distance(from, then);
         let var = (own * self.cov * own.transpose())[0] + m.var;
         Innovation { residual_rad: wrap(m.bearing_rad - bearing), var, range_m, own, other: RowVector3::from(to_pose) }
+    }
+
+    /// How far away it was from a robot, m.
+    pub fn range_m(&self, pose: &Pose2, at: Timestamp) -> f64 {
+        kernel::distance([pose.x_m, pose.y_m, pose.heading_rad], self.place_at(at).1).0
+    }
+
+    /// Seconds since the state, and where it was then.
+    fn place_at(&self, at: Timestamp) -> (f64, [f64; 2]) {
+        let dt = at.seconds_since(self.at).clamp(-LONGEST_STEP_S, LONGEST_STEP_S);
+        (dt, [self.mean[0] + dt * self.mean[2], self.mean[1] + dt * self.mean[3]])
     }
 
     /// Uses a bearing.

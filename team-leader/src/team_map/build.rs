@@ -1,13 +1,14 @@
-//! The map message from calibration and targets.
+//! The map message from the components' calibrations and targets.
 
-use nalgebra::{Matrix2x3, Matrix3, Vector2};
+use nalgebra::{Matrix2x3, Vector2};
 use protocol::id::{RobotId, TargetId};
 use protocol::message::{MapRobot, MapStatus, MapTarget, Presence, TeamMap, Trouble, Trust};
 use protocol::time::Timestamp;
 
 use crate::calibration::live::Calibrator;
 use crate::calibration::systematic::Shared;
-use crate::correspondence::{Followed, Follower, OBSERVED_S};
+use crate::correspondence::{Followed, OBSERVED_S};
+use crate::leader::components::Component;
 use crate::leader::config::LeaderCoreConfig;
 
 /// Height of a target's centre over that of its top, for somebody who stands on the floor, and its spread.
@@ -18,6 +19,8 @@ const CENTRE_OF_TOP: (f64, f64) = (0.52, 0.02);
 pub struct RobotFacts {
     /// Who.
     pub id: RobotId,
+    /// Which of the leader's components it belongs to.
+    pub component: usize,
     /// Whether it is there.
     pub presence: Presence,
     /// robot − leader and its standard deviation, seconds.
@@ -37,22 +40,18 @@ pub struct RobotFacts {
 }
 
 /// The map at `stamp`.
-pub fn build(
-    robots: &[RobotFacts],
-    calibrator: &Calibrator,
-    follower: &Follower,
-    config: &LeaderCoreConfig,
-    stamp: Timestamp,
-) -> TeamMap {
-    let placed: Vec<usize> = (0..robots.len()).filter(|&r| calibrator.pose(r, stamp).is_some()).collect();
-    let (status, because) = calibrator.status();
+pub fn build(robots: &[RobotFacts], components: &[Component], config: &LeaderCoreConfig, stamp: Timestamp) -> TeamMap {
+    let home: Vec<&Component> = robots.iter().filter_map(|facts| components.get(facts.component)).collect();
+    let mut in_order: Vec<&Component> = components.iter().collect();
+    in_order.sort_by_key(|component| component.number);
+    let (status, because) = status(components);
     let oldest = robots
         .iter()
         .filter(|r| r.presence == Presence::Online)
         .filter_map(|r| r.last_capture)
         .map(|t| stamp.seconds_since(t))
         .fold(0.0, f64::max);
-    let mut strangers = 0;
+    let mut free = (0..=u8::MAX).filter(|number| components.iter().all(|component| component.number != *number));
     TeamMap {
         leader: config.leader,
         term: config.term,
@@ -61,21 +60,23 @@ pub fn build(
         oldest_contribution_s: oldest as f32,
         status,
         explanation: explanation(status, &because, robots, config),
-        gauge: calibrator.gauge().map(|g| robots[g].id),
+        gauge: components.first().and_then(|team| team.calibrator.gauge()).map(|g| robots[g].id),
         robots: robots
             .iter()
+            .zip(&home)
             .enumerate()
-            .map(|(r, facts)| {
-                let team_from_body = calibrator.pose(r, stamp);
-                if team_from_body.is_none() {
-                    strangers += 1;
-                }
+            .map(|(r, (facts, home))| {
+                let team_from_body = home.calibrator.pose(r, stamp);
+                let component = match team_from_body {
+                    Some(_) => home.number,
+                    None => free.next().unwrap_or(u8::MAX),
+                };
                 MapRobot {
                     id: facts.id,
                     team_from_body,
-                    component: if team_from_body.is_some() { 0 } else { strangers.min(255) as u8 },
+                    component,
                     presence: facts.presence,
-                    moving: calibrator.moves(r),
+                    moving: home.calibrator.moves(r),
                     clock_offset_s: facts.clock_offset_s,
                     lag_s: facts.shared.lag_s.map(|(v, s)| (v as f32, s as f32)),
                     bias_rad: facts.shared.bias_rad.map(|(v, s)| (v as f32, s as f32)),
@@ -86,17 +87,44 @@ pub fn build(
                 }
             })
             .collect(),
-        joint_covariance: joint_covariance(&placed, calibrator),
-        targets: follower
-            .targets()
+        joint_covariance: in_order
             .iter()
-            .filter(|f| f.is_confirmed())
-            .filter_map(|f| target_entry(f, &placed, robots, calibrator, config, stamp))
+            .flat_map(|component| joint_covariance(&placed(component, stamp), &component.calibrator))
+            .collect(),
+        targets: in_order
+            .iter()
+            .flat_map(|component| {
+                let placed = placed(component, stamp);
+                let targets = component.confirmed();
+                targets.filter_map(move |f| target_entry(f, &placed, robots, component, config, stamp))
+            })
             .take(protocol::message::map::MAX_TARGETS)
             .collect(),
         next_target: TargetId(0),
         alarms: Vec::new(),
     }
+}
+
+/// Robots of a component with a pose.
+fn placed(component: &Component, stamp: Timestamp) -> Vec<usize> {
+    component.calibrator.poses(stamp).map(|(robot, _)| robot).collect()
+}
+
+/// How all components stand: as the worst of them. A robot that has no place is its component's fault only where that is all that
+/// is wrong.
+fn status(components: &[Component]) -> (MapStatus, Vec<usize>) {
+    let badness = |status: MapStatus| match status {
+        MapStatus::Converged => 0,
+        MapStatus::Insufficient => 1,
+        MapStatus::Ambiguous => 2,
+        MapStatus::Inconsistent => 3,
+        MapStatus::Waiting => 4,
+    };
+    let all: Vec<(MapStatus, Vec<usize>)> = components.iter().map(|component| component.calibrator.status()).collect();
+    let worst =
+        all.iter().map(|(status, _)| *status).max_by_key(|status| badness(*status)).unwrap_or(MapStatus::Waiting);
+    let because = all.into_iter().filter(|(status, _)| *status == worst).flat_map(|(_, robots)| robots).collect();
+    (worst, because)
 }
 
 fn joint_covariance(placed: &[usize], calibrator: &Calibrator) -> Vec<f32> {
@@ -114,10 +142,11 @@ fn target_entry(
     followed: &Followed,
     placed: &[usize],
     robots: &[RobotFacts],
-    calibrator: &Calibrator,
+    component: &Component,
     config: &LeaderCoreConfig,
     stamp: Timestamp,
 ) -> Option<MapTarget> {
+    let calibrator = &component.calibrator;
     let mut target = followed.state.target.clone();
     target.predict(stamp);
     if followed.covariance(calibrator).symmetric_eigenvalues().max().sqrt() > config.targets.publish_below_m {
@@ -149,6 +178,7 @@ fn target_entry(
     };
     Some(MapTarget {
         id: followed.id,
+        component: component.number,
         position_m: [position.x, position.y, z_m],
         velocity_mps: [velocity.x as f32, velocity.y as f32],
         height_m: top_seen.then_some((top_m as f32, top_var.sqrt() as f32)),
@@ -220,40 +250,4 @@ pub fn trouble_in_words(trouble: Trouble) -> &'static str {
         Trouble::ClockUncertain => "its clock is known too badly",
         Trouble::TwoSessions => "two sessions use its id",
     }
-}
-
-/// Full covariance matrix from the map's upper triangle of `n` rows; `None` where the length does not fit.
-pub fn full_covariance(upper: &[f32], n: usize) -> Option<nalgebra::DMatrix<f64>> {
-    if upper.len() != n * (n + 1) / 2 {
-        return None;
-    }
-    let mut full = nalgebra::DMatrix::zeros(n, n);
-    let mut values = upper.iter();
-    for r in 0..n {
-        for c in r..n {
-            let v = f64::from(*values.next()?);
-            full[(r, c)] = v;
-            full[(c, r)] = v;
-        }
-    }
-    Some(full)
-}
-
-/// 3 × 3 covariance of a target of the map with the robots' part: own + J · joint · Jᵀ.
-pub fn target_covariance(map: &TeamMap, target: &MapTarget) -> Option<Matrix3<f64>> {
-    let n = 3 * map.robots.iter().filter(|r| r.team_from_body.is_some()).count();
-    let joint = full_covariance(&map.joint_covariance, n)?;
-    if target.pose_jacobian.len() != 2 * n {
-        return None;
-    }
-    let j = nalgebra::DMatrix::from_row_iterator(2, n, target.pose_jacobian.iter().map(|v| f64::from(*v)));
-    let [xx, xy, xz, yy, yz, zz] = target.own_covariance.map(f64::from);
-    let mut cov = Matrix3::new(xx, xy, xz, xy, yy, yz, xz, yz, zz);
-    let by_poses = &j * joint * j.transpose();
-    for r in 0..2 {
-        for c in 0..2 {
-            cov[(r, c)] += by_poses[(r, c)];
-        }
-    }
-    Some(cov)
 }

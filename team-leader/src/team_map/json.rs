@@ -1,10 +1,12 @@
 //! The map as JSON for people and tools: names and units as in the files of `solve` and `truth.jsonl`.
 
+use std::collections::BTreeMap;
+
 use nalgebra::{DMatrix, Matrix3};
 use protocol::message::{Alarm, MapStatus, Presence, TeamMap, Trust};
 use serde::{Deserialize, Serialize};
 
-use super::build::{full_covariance, target_covariance, trouble_in_words};
+use super::build::trouble_in_words;
 
 /// The team map.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -115,6 +117,9 @@ pub struct RobotJson {
 pub struct TargetJson {
     /// Its number in the team, as text.
     pub id: String,
+    /// The component of robots in whose frame it is.
+    #[serde(default)]
+    pub component: u8,
     /// Metres.
     pub x_m: f64,
     /// Metres.
@@ -141,9 +146,8 @@ pub struct TargetJson {
 
 impl From<&TeamMap> for MapJson {
     fn from(map: &TeamMap) -> Self {
-        let placed = map.robots.iter().filter(|r| r.team_from_body.is_some()).count();
-        let joint = full_covariance(&map.joint_covariance, 3 * placed);
-        let mut next = 0;
+        let mut covariances: BTreeMap<u8, (Option<DMatrix<f64>>, usize)> =
+            map.components().into_iter().map(|c| (c, (map.joint_covariance_of(c), 0))).collect();
         Self {
             time_s: map.stamp.as_secs_f64(),
             leader: map.leader.to_string(),
@@ -158,8 +162,10 @@ impl From<&TeamMap> for MapJson {
                 .iter()
                 .map(|robot| {
                     let pose = robot.team_from_body;
-                    let covariance = pose.and(joint.as_ref()).map(|joint| block(joint, 3 * next));
-                    next += usize::from(pose.is_some());
+                    let covariance = pose.and(covariances.get_mut(&robot.component)).and_then(|(joint, next)| {
+                        *next += 3;
+                        Some(block(joint.as_ref()?, *next - 3))
+                    });
                     RobotJson {
                         id: robot.id.to_string(),
                         x_m: pose.map(|p| p.x_m),
@@ -193,10 +199,11 @@ impl From<&TeamMap> for MapJson {
                 .iter()
                 .map(|t| TargetJson {
                     id: t.id.to_string(),
+                    component: t.component,
                     x_m: t.position_m[0],
                     y_m: t.position_m[1],
                     z_m: t.position_m[2],
-                    covariance: rows(&target_covariance(map, t).unwrap_or_else(|| Matrix3::identity() * 1e6)),
+                    covariance: rows(&map.covariance_of(t).unwrap_or_else(|| Matrix3::identity() * 1e6)),
                     vx_mps: f64::from(t.velocity_mps[0]),
                     vy_mps: f64::from(t.velocity_mps[1]),
                     height_m: t.height_m.map(|h| f64::from(h.0)),

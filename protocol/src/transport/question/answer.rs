@@ -7,7 +7,7 @@ use zenoh::bytes::Encoding;
 use super::command::{command_from_words, reply_as_json};
 use crate::codec::{self, DecodeError, EncodeError, Kind};
 use crate::key::{Key, RobotTopic, Topic};
-use crate::message::{ClockProbe, ClockReply, Command, CommandReply, PictureKind, ReplayStart, TeamMap};
+use crate::message::{ClockProbe, ClockReply, Command, CommandReply, PictureKind, Recent, ReplayStart, TeamMap};
 use crate::time::Timestamp;
 
 /// Something that may be asked on a key.
@@ -140,6 +140,34 @@ impl Answer for ReplayStart {
             "received_ns": self.received.0, "replied_ns": self.replied.0, "start_ns": self.start.map(|start| start.0),
         });
         Ok((json.to_string().into_bytes(), Encoding::APPLICATION_JSON))
+    }
+
+    fn from_bytes(bytes: &[u8]) -> Result<Self, DecodeError> {
+        codec::decode(bytes)
+    }
+}
+
+/// A leader that has come late wants what a robot has seen of late, on the key of its observations.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct AskedRecent;
+
+impl Question for AskedRecent {
+    type Answer = Recent;
+    const KIND: Kind = Kind::Recent;
+    const ANSWER_KIND: Kind = Kind::Recent;
+
+    fn to_payload(&self) -> Result<Option<Vec<u8>>, EncodeError> {
+        Ok(None)
+    }
+
+    fn read(_: Key, _: Option<&[u8]>, _: &dyn Fn(&str) -> Option<String>) -> Result<(Self, bool), String> {
+        Ok((Self, false))
+    }
+}
+
+impl Answer for Recent {
+    fn to_bytes(&self, _: bool) -> Result<(Vec<u8>, Encoding), EncodeError> {
+        Ok((codec::encode(self)?, Encoding::APPLICATION_OCTET_STREAM))
     }
 
     fn from_bytes(bytes: &[u8]) -> Result<Self, DecodeError> {

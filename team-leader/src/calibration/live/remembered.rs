@@ -29,7 +29,7 @@ impl Calibrator {
         is_gauge: bool,
         unsure: bool,
     ) {
-        if self.block.contains(robot) || robot >= self.robots.len() {
+        if self.block.contains(robot) || self.robots.get(robot).is_none() {
             return;
         }
         if is_gauge || self.gauge.is_none() {

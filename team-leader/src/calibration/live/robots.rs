@@ -12,7 +12,7 @@ use crate::calibration::rover::Rover;
 use crate::calibration::slot::{Sighted, Slot};
 
 /// A robot as the calibration knows it.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub struct Robot {
     /// It has sent an observation.
     pub seen: bool,
@@ -94,7 +94,7 @@ impl Calibrator {
     /// The robot leaves its station: what its links told goes into the prior, then it is followed as a rover.
     pub(super) fn depart(&mut self, robot: usize, at: Timestamp) {
         let mut ended = Vec::new();
-        for (observer, r) in self.robots.iter().enumerate() {
+        for (observer, r) in self.robots.iter() {
             for slot in &r.slots {
                 let Some(peer) = slot.name else { continue };
                 if observer != robot && peer != robot {
@@ -107,14 +107,14 @@ impl Calibrator {
         }
         self.absolve(robot);
         self.robots[robot].slots.clear();
-        for r in &mut self.robots {
+        for r in self.robots.iter_mut() {
             r.slots.retain(|s| s.name != Some(robot));
         }
         self.block.absorb(&ended);
         let Some(covariance) = self.block.covariance(robot, robot) else { return };
         let Some(departed) = self.block.remove(robot) else { return };
         self.changes.left.push((robot, departed.team_from_body, covariance));
-        for r in &mut self.robots {
+        for r in self.robots.iter_mut() {
             if let Some(rover) = &mut r.rover {
                 rover.forget(robot, &covariance);
             }
@@ -142,7 +142,7 @@ impl Calibrator {
             }
         }
         let mut pairs: Vec<(f64, usize, usize)> = Vec::new();
-        for (r, robot) in self.robots.iter().enumerate() {
+        for (r, robot) in self.robots.iter() {
             let Some(rover) = &robot.rover else { continue };
             for (k, sighted) in floored.iter().enumerate().filter(|(k, s)| free[*k] && s.robot.is_none_or(|t| t == r)) {
                 let sighted = self.believed(look.robot, r, sighted);

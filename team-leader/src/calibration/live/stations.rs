@@ -14,9 +14,13 @@ use crate::calibration::naming::{self, Known, Naming, View};
 
 /// Covariance of a member that only its links determine (m², m², rad²).
 pub(super) const WEAK: [f64; 3] = [100.0, 100.0, 9.0];
-/// Blocks of more members are solved at most this often, seconds.
+/// Blocks of more members, and those of a large team, are solved at most this often, seconds.
 const LARGE_BLOCK: usize = 8;
 const LARGE_BLOCK_INTERVAL_S: f64 = 0.1;
+/// How long a robot that stands waits for others that come to stand, before it is named, seconds.
+const STRAGGLERS_S: f64 = 1.0;
+/// Robots tried as the root of a frame in one attempt; the next attempt goes on with others.
+const MAX_ROOTS: usize = 24;
 /// Squared sigmas (two numbers) within which a slot of a member is a member that should be there.
 const SLOT_GATE: f64 = 18.0;
 
@@ -79,8 +83,7 @@ impl Calibrator {
 
     /// Tries to place standing robots that have no place among the standing ones.
     pub(super) fn name_strangers(&mut self, at: Timestamp) {
-        let strangers =
-            (0..self.robots.len()).any(|r| self.robots[r].standing_since.is_some() && !self.block.contains(r));
+        let strangers = self.robots.iter().any(|(r, robot)| robot.standing_since.is_some() && !self.block.contains(r));
         if !strangers || self.last_naming.is_some_and(|t| at.seconds_since(t) < NAMING_INTERVAL_S) {
             return;
         }
@@ -95,9 +98,19 @@ impl Calibrator {
             self.take_names(&naming, &views, at);
             return;
         }
-        // Nobody is placed: the first that stands and is tied to somebody carries the frame.
-        let mut roots: Vec<usize> = (0..self.robots.len()).filter(|&r| self.settled(r, at)).collect();
+        // Nobody is placed: the first that stands and is tied to somebody carries the frame. Who is about to stand may be the one
+        // that others see.
+        let since_s = || self.robots.iter().filter_map(|(_, robot)| Some(at.seconds_since(robot.standing_since?)));
+        if since_s().any(|s| s < SETTLED_S) && since_s().all(|s| s < STRAGGLERS_S) {
+            return;
+        }
+        let mut roots: Vec<usize> = self.robots.numbers().filter(|&r| self.settled(r, at)).collect();
         roots.sort_by_key(|&r| self.robots[r].standing_since);
+        if roots.len() > MAX_ROOTS {
+            self.next_root = (self.next_root + MAX_ROOTS) % roots.len();
+            roots.rotate_left(self.next_root);
+            roots.truncate(MAX_ROOTS);
+        }
         let remembered = self.gauge.is_some();
         self.ambiguous.clear();
         // Of remembered places the root's is believed: one that most others agree with.
@@ -111,6 +124,7 @@ impl Calibrator {
                 (_, false, None) => (Pose2::IDENTITY, Matrix3::identity() * GAUGE_VAR),
             };
             let views = self.views(at, |r| if r == root { Known::Fixed(pose) } else { Known::Nothing });
+            let views = naming::around(views, root);
             let naming = naming::name(&views, self.config.common_width_rad, self.config.naming_margin);
             if naming.placed.len() >= 2 {
                 let agreeing = if remembered { self.agreeing(&naming, root, at) } else { 0 };
@@ -145,7 +159,8 @@ impl Calibrator {
                 (s.name.is_none() && fresh && s.count() >= 8) || (s.name.is_some() && !fresh)
             })
         });
-        if !doubtful {
+        // A robot that has no place may be the one that is seen where another is said to stand.
+        if !doubtful && self.strangers(at).next().is_none() {
             return;
         }
         let fresh_names = |m: usize| {
@@ -171,6 +186,17 @@ impl Calibrator {
                 elsewhere.push(*robot);
             }
         }
+        for robot in naming.replaceable.into_iter().filter(|r| *r != root) {
+            if !self.block.contains(robot) {
+                continue;
+            }
+            self.robots[robot].contradictions += 1;
+            if self.robots[robot].contradictions >= CONTRADICTIONS {
+                self.depart(robot, at);
+                self.robots[robot].rover = None;
+                self.robots[robot].contradictions = 0;
+            }
+        }
         // If everybody seems to have moved, it was the one they were looked at from.
         if checked > 1 && elsewhere.len() == checked {
             elsewhere = vec![root];
@@ -179,7 +205,7 @@ impl Calibrator {
             self.depart(robot, at);
             self.robots[robot].rover = None;
             self.new_findings.push(Finding::Carried { robot });
-            for r in &mut self.robots {
+            for r in self.robots.iter_mut() {
                 r.contradictions = 0;
             }
         }
@@ -189,7 +215,7 @@ impl Calibrator {
     pub(super) fn solve(&mut self, at: Timestamp) {
         let members = self.block.members().to_vec();
         if members.is_empty()
-            || (members.len() > LARGE_BLOCK
+            || ((self.thrifty || members.len() > LARGE_BLOCK)
                 && self.last_solve.is_some_and(|t| at.seconds_since(t) < LARGE_BLOCK_INTERVAL_S))
         {
             return;
@@ -211,7 +237,7 @@ impl Calibrator {
             }
         }
         for (m, shift) in &self.changes.shifts {
-            for robot in &mut self.robots {
+            for robot in self.robots.iter_mut() {
                 if let Some(rover) = &mut robot.rover {
                     rover.shift(*m, shift);
                 }
@@ -232,12 +258,12 @@ impl Calibrator {
         links
     }
 
-    fn settled(&self, robot: usize, at: Timestamp) -> bool {
+    pub(super) fn settled(&self, robot: usize, at: Timestamp) -> bool {
         self.robots[robot].standing_since.is_some_and(|t| at.seconds_since(t) >= SETTLED_S)
     }
 
     /// Slots that prove something now.
-    fn fresh_slots(&self, robot: usize, at: Timestamp) -> Vec<usize> {
+    pub(super) fn fresh_slots(&self, robot: usize, at: Timestamp) -> Vec<usize> {
         let slots = &self.robots[robot].slots;
         (0..slots.len())
             .filter(|&s| slots[s].count() >= LEAST_COUNT && at.seconds_since(slots[s].last) < FRESH_S)
@@ -245,7 +271,7 @@ impl Calibrator {
     }
 
     pub(super) fn views(&self, at: Timestamp, known: impl Fn(usize) -> Known) -> Vec<View> {
-        let standing = (0..self.robots.len()).filter(|&r| self.settled(r, at) || self.block.contains(r));
+        let standing = self.robots.numbers().filter(|&r| self.settled(r, at) || self.block.contains(r));
         standing
             .map(|robot| {
                 let mean = |s: usize| self.with_floors(&self.robots[robot].slots[s].mean());

@@ -142,7 +142,7 @@ impl Calibrator {
         if told == observer && !self.misnamed.contains(&told) {
             self.misnamed.insert(told);
             self.find(Finding::OwnName { observer });
-            for robot in &mut self.robots {
+            for robot in self.robots.iter_mut() {
                 for slot in robot.slots.iter_mut().filter(|s| s.told == Some(told)) {
                     slot.told = None;
                 }
@@ -163,7 +163,7 @@ impl Calibrator {
         self.findings.retain(|f| !(over && matches!(f, Finding::Pair { .. })));
         let stands = |r: usize| self.robots[r].standing_since.is_some_and(|t| at.seconds_since(t) > PATIENCE_S);
         let strangers: Vec<usize> =
-            (0..self.robots.len()).filter(|&r| stands(r) && !self.block.contains(r)).take(MAX_SUSPECTS).collect();
+            self.robots.numbers().filter(|&r| stands(r) && !self.block.contains(r)).take(MAX_SUSPECTS).collect();
         if self.block.members().is_empty() {
             self.find_pairs(&strangers, at);
         }

@@ -4,7 +4,6 @@ use protocol::message::{MapStatus, TeamMap, Trust};
 
 use super::world::{Fault, Settings, World};
 use super::*;
-use crate::team_map::build::full_covariance;
 
 const PLACES: [[f64; 3]; 4] = [[1.5, 1.5, 0.4], [6.6, 1.9, 2.5], [2.9, 4.4, -1.8], [5.9, 4.9, -2.6]];
 
@@ -32,8 +31,8 @@ fn run_settings(settings: Settings, seed: u64) -> (World, TeamMap) {
 
 /// Placed robots whose place beside the first placed one is wrong by more than 5 cm and five of their own sigmas.
 fn confidently_wrong(world: &World, map: &TeamMap) -> Vec<String> {
-    let placed: Vec<_> = map.robots.iter().filter_map(|r| Some((r.id, r.team_from_body?))).collect();
-    let joint = full_covariance(&map.joint_covariance, 3 * placed.len()).unwrap();
+    let placed: Vec<_> = map.placed(0).filter_map(|r| Some((r.id, r.team_from_body?))).collect();
+    let joint = map.joint_covariance_of(0).unwrap();
     let truth = |id| world.robots.iter().find(|r| r.id == id).unwrap().pose;
     let sigma = |k: usize| (joint[(3 * k, 3 * k)] + joint[(3 * k + 1, 3 * k + 1)]).sqrt();
     let mut wrong = Vec::new();

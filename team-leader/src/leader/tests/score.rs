@@ -10,7 +10,6 @@ use protocol::id::TargetId;
 use protocol::message::TeamMap;
 
 use super::world::{World, clock};
-use crate::team_map::build::{full_covariance, target_covariance};
 
 const FROM_S: f64 = 5.0;
 const GATE_M: f64 = 0.5;
@@ -87,9 +86,9 @@ impl Score {
         if nees_now {
             self.last_nees_s = t;
         }
-        let joint = full_covariance(&map.joint_covariance, 3 * placed).unwrap();
+        let joint = map.joint_covariance_of(0).unwrap();
         let mut row = 0;
-        for robot in &map.robots {
+        for robot in map.placed(0) {
             let Some(pose) = robot.team_from_body else { continue };
             let k = world.robots.iter().position(|r| r.id == robot.id).unwrap();
             let truth = to_team([poses[k][0], poses[k][1]]);
@@ -159,7 +158,7 @@ impl Score {
             let target = &map.targets[k];
             let e = Vector2::new(target.position_m[0], target.position_m[1]) - to_team(person.position);
             if std::env::var("ERRORS").is_ok() && nees_now {
-                let cov = target_covariance(map, target).unwrap();
+                let cov = map.covariance_of(target).unwrap();
                 println!(
                     "t {t:.1} p{p} {} at {:.2} {:.2} v {:.2} e {:.3} {:.3} sigma {:.3} {:.3} seen {:?} by {:?} est v {:?}",
                     target.id,
@@ -181,7 +180,7 @@ impl Score {
                     self.targets.add(e.norm_squared());
                 }
                 if nees_now {
-                    let cov = target_covariance(map, target).unwrap();
+                    let cov = map.covariance_of(target).unwrap();
                     let cov: Matrix2<f64> = cov.fixed_view::<2, 2>(0, 0).into_owned();
                     self.target_nees.add(e.dot(&cov.cholesky().unwrap().solve(&e)) / 2.0);
                 }

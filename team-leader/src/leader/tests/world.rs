@@ -56,6 +56,10 @@ pub struct Settings {
     pub places: Option<Vec<[f64; 3]>>,
     /// What is wrong.
     pub faults: Vec<Fault>,
+    /// Where robots that drive go, instead of a drawn place.
+    pub goals: BTreeMap<usize, [f64; 3]>,
+    /// A wall across the room at this x, and until when the door in it is shut: nobody sees what is behind.
+    pub wall: Option<(f64, f64)>,
     /// From when on the first robot that is told of a better place goes there.
     pub follows_from_s: Option<f64>,
 }
@@ -118,9 +122,11 @@ impl Default for Settings {
             outliers: 0.0,
             sigma_spread: 0.0,
             doubt_s: 0.0,
-            names: vec!["r1", "r2", "r3", "r4", "r5"],
+            names: vec!["r1", "r2", "r3", "r4", "r5", "r6"],
             places: None,
             faults: Vec::new(),
+            goals: BTreeMap::new(),
+            wall: None,
             follows_from_s: None,
         }
     }
@@ -179,6 +185,8 @@ pub struct World {
     common_bias: f64,
     history: Vec<(f64, Vec<[f64; 3]>, Vec<PersonTruth>)>,
     costs: Option<Vec<f64>>,
+    /// What the robots said, and when, where that is kept.
+    said: Option<Vec<(f64, RobotId, Observation)>>,
     /// What the leader told people.
     pub notices: Vec<String>,
     /// What it said of better places, and when.
@@ -218,6 +226,9 @@ impl World {
             let phase_s = rng.random_range(0.0..0.1);
             let goal = settings.drives.iter().find(|d| d.0 == k).map(|&(_, from_s, to_s)| {
                 let goal = loop {
+                    if let Some(given) = settings.goals.get(&k) {
+                        break *given;
+                    }
                     let a: f64 = rng.random_range(-3.1..3.1);
                     let g = [pose[0] + 2.0 * a.cos(), pose[1] + 2.0 * a.sin()];
                     let inside = (1.0..ROOM_M[0] - 1.0).contains(&g[0]) && (1.0..ROOM_M[1] - 1.0).contains(&g[1]);
@@ -264,14 +275,15 @@ impl World {
             common_bias,
             history: Vec::new(),
             costs: None,
+            said: None,
             notices: Vec::new(),
             guidance: Vec::new(),
             arrived_s: None,
             settings,
         };
         for _ in 0..world.settings.people {
-            let position = world.free_place();
-            let goal = world.free_place();
+            let position = world.free_place(None);
+            let goal = world.free_place(Some(position));
             let height_m = world.rng.random_range(1.55..1.9);
             world.people.push(PersonTruth {
                 position,
@@ -285,10 +297,12 @@ impl World {
         world
     }
 
-    fn free_place(&mut self) -> [f64; 2] {
+    /// A place to walk to, not through a wall.
+    fn free_place(&mut self, from: Option<[f64; 2]>) -> [f64; 2] {
         loop {
             let p = [self.rng.random_range(0.6..ROOM_M[0] - 0.6), self.rng.random_range(0.6..ROOM_M[1] - 0.6)];
-            if self.robots.iter().all(|r| apart(p, [r.pose[0], r.pose[1]]) > 0.9) {
+            let walled = from.is_some_and(|from| self.is_between(from, p));
+            if !walled && self.robots.iter().all(|r| apart(p, [r.pose[0], r.pose[1]]) > 0.9) {
                 return p;
             }
         }
@@ -298,6 +312,12 @@ impl World {
     pub fn truth_at(&self, time_s: f64) -> (&[[f64; 3]], &[PersonTruth]) {
         let k = self.history.partition_point(|h| h.0 < time_s).min(self.history.len() - 1);
         (&self.history[k].1, &self.history[k].2)
+    }
+
+    /// Whether a wall is between two places.
+    pub fn is_between(&self, one: [f64; 2], other: [f64; 2]) -> bool {
+        let shut = self.settings.wall.filter(|(_, opens_s)| self.time_s < *opens_s);
+        shut.is_some_and(|(x_m, _)| (one[0] < x_m) != (other[0] < x_m))
     }
 
     pub fn drives(&self, robot: usize) -> bool {
@@ -313,6 +333,13 @@ impl World {
         self.costs = Some(Vec::new());
         self.run(leader, |_, _| {});
         self.costs.take().unwrap_or_default()
+    }
+
+    /// Runs the leader; what the robots said, and when.
+    pub fn run_recorded(&mut self, leader: &mut Leader) -> Vec<(f64, RobotId, Observation)> {
+        self.said = Some(Vec::new());
+        self.run(leader, |_, _| {});
+        self.said.take().unwrap_or_default()
     }
 
     /// Runs the leader through the whole time; `look` sees the world and each map.
@@ -342,6 +369,9 @@ impl World {
             for k in 0..self.robots.len() {
                 if self.time_s >= self.robots[k].next_s {
                     let observation = self.observe(k);
+                    if let Some(said) = &mut self.said {
+                        said.push((self.time_s, self.robots[k].id, observation.clone()));
+                    }
                     let late_s = self.rng.random_range(0.005..0.03);
                     post.push((self.time_s + late_s, None, Input::Observation(self.robots[k].id, observation)));
                 }
@@ -476,7 +506,10 @@ impl World {
                     let o = self.people[other].goal;
                     [o[0] + 0.45, o[1] + 0.2]
                 } else {
-                    self.free_place()
+                    {
+                        let from = self.people[k].position;
+                        self.free_place(Some(from))
+                    }
                 };
                 let p = &mut self.people[k];
                 p.rest_until_s = t + rest_s;
@@ -583,6 +616,9 @@ impl World {
                 _ => None,
             });
             let other = self.robots[j].pose;
+            if self.is_between([me[0], me[1]], [other[0], other[1]]) {
+                continue;
+            }
             let d = apart([me[0], me[1]], [other[0], other[1]]);
             let b = wrapped((other[1] - me[1]).atan2(other[0] - me[0]) - me[2]);
             let hidden = self.people.iter().any(|p| {
@@ -630,12 +666,12 @@ impl World {
             let d = apart([me[0], me[1]], p);
             (wrapped((p[1] - me[1]).atan2(p[0] - me[0]) - me[2]), d)
         };
-        for (n, p) in self.people.iter().enumerate() {
+        for (n, p) in self.people.iter().enumerate().filter(|(_, p)| !self.is_between([me[0], me[1]], p.position)) {
             let (b, d) = see(p.position);
             things.push((n, b, d, (HALF_PERSON_M / d).atan(), p.height_m));
         }
         for (j, r) in self.robots.iter().enumerate().filter(|(j, _)| *j != k) {
-            if self.moves(j) {
+            if self.moves(j) && !self.is_between([me[0], me[1]], [r.pose[0], r.pose[1]]) {
                 let (b, d) = see([r.pose[0], r.pose[1]]);
                 things.push((100 + j, b, d, (0.2 / d).atan(), 0.6));
             }
