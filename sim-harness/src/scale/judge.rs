@@ -11,8 +11,8 @@ use super::room::Room;
 const ROBOT_M: f64 = 0.05;
 const PERSON_M: f64 = 0.5;
 
-/// Robots and people that a map of these rooms shows where they are. A robot in one component with those of another room counts
-/// as wrong, and so does a second target on one person.
+/// Robots and people that a map of these rooms shows where they are. A robot in one component with those of another room does not
+/// count, nor does a second target on one person.
 pub fn right(map: &TeamMap, rooms: &[Room]) -> [usize; 2] {
     let mut right = [0, 0];
     for component in map.components() {

@@ -109,7 +109,7 @@ impl Leader {
         }
         self.exchange.last = Some(at);
         self.exchange.turn = self.exchange.turn.wrapping_add(1);
-        self.dissolve_remains();
+        self.dissolve_remains(at);
         let mut trials = MAX_TRIALS;
         self.receive_arrivals(at, &mut trials);
         self.join_components(at, &mut trials);
@@ -132,10 +132,13 @@ impl Leader {
         }
         for robot in self.strangers(at) {
             let home = self.members[robot].component;
+            let ours = self.components[home].calibrator.unexplained(Some(robot), at);
             for there in (0..self.components.len()).filter(|there| *there != home) {
-                let ours = self.components[home].calibrator.unexplained(Some(robot), at);
-                let theirs = self.components[there].calibrator.unexplained(None, at);
-                if *trials == 0 || !self.may_meet(&ours, there, None) || !self.may_meet(&theirs, home, Some(robot)) {
+                if *trials == 0 {
+                    return;
+                }
+                let theirs = || self.components[there].calibrator.unexplained(None, at);
+                if !self.may_meet(&ours, there, None) || !self.may_meet(&theirs(), home, Some(robot)) {
                     continue;
                 }
                 *trials -= 1;
@@ -260,17 +263,14 @@ impl Leader {
     }
 
     /// Components in which fewer than two robots have, or had, a place: who remains is the team's again.
-    fn dissolve_remains(&mut self) {
+    fn dissolve_remains(&mut self, at: Timestamp) {
         for component in (1..self.components.len()).rev() {
             let robots: Vec<usize> = self.robots_of(component).collect();
             let calibrator = &self.components[component].calibrator;
             if robots.iter().filter(|r| calibrator.knows(**r)).count() >= 2 {
                 continue;
             }
-            for (robot, state) in self.components[component].calibrator.copies(robots) {
-                self.components[0].calibrator.adopt(robot, state);
-                self.members[robot].component = 0;
-            }
+            robots.into_iter().for_each(|robot| self.move_to(robot, 0, at));
             self.remove_component(component);
         }
     }

@@ -42,8 +42,9 @@ pub struct RobotFacts {
 /// The map at `stamp`.
 pub fn build(robots: &[RobotFacts], components: &[Component], config: &LeaderCoreConfig, stamp: Timestamp) -> TeamMap {
     let home: Vec<&Component> = robots.iter().filter_map(|facts| components.get(facts.component)).collect();
-    let mut in_order: Vec<&Component> = components.iter().collect();
-    in_order.sort_by_key(|component| component.number);
+    let mut in_order: Vec<(&Component, Vec<usize>)> =
+        components.iter().map(|component| (component, placed(component, stamp))).collect();
+    in_order.sort_by_key(|(component, _)| component.number);
     let (status, because) = status(components);
     let oldest = robots
         .iter()
@@ -89,14 +90,12 @@ pub fn build(robots: &[RobotFacts], components: &[Component], config: &LeaderCor
             .collect(),
         joint_covariance: in_order
             .iter()
-            .flat_map(|component| joint_covariance(&placed(component, stamp), &component.calibrator))
+            .flat_map(|(component, placed)| joint_covariance(placed, &component.calibrator))
             .collect(),
         targets: in_order
             .iter()
-            .flat_map(|component| {
-                let placed = placed(component, stamp);
-                let targets = component.confirmed();
-                targets.filter_map(move |f| target_entry(f, &placed, robots, component, config, stamp))
+            .flat_map(|(component, placed)| {
+                component.confirmed().filter_map(|f| target_entry(f, placed, robots, component, config, stamp))
             })
             .take(protocol::message::map::MAX_TARGETS)
             .collect(),

@@ -203,7 +203,12 @@ impl From<&TeamMap> for MapJson {
                     x_m: t.position_m[0],
                     y_m: t.position_m[1],
                     z_m: t.position_m[2],
-                    covariance: rows(&map.covariance_of(t).unwrap_or_else(|| Matrix3::identity() * 1e6)),
+                    covariance: rows(
+                        &covariances
+                            .get(&t.component)
+                            .and_then(|(joint, _)| t.covariance(joint.as_ref()?))
+                            .unwrap_or_else(|| Matrix3::identity() * 1e6),
+                    ),
                     vx_mps: f64::from(t.velocity_mps[0]),
                     vy_mps: f64::from(t.velocity_mps[1]),
                     height_m: t.height_m.map(|h| f64::from(h.0)),

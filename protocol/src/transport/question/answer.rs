@@ -5,7 +5,7 @@ use std::fmt::Debug;
 use zenoh::bytes::Encoding;
 
 use super::command::{command_from_words, reply_as_json};
-use crate::codec::{self, DecodeError, EncodeError, Kind};
+use crate::codec::{self, DecodeError, EncodeError, Kind, Message};
 use crate::key::{Key, RobotTopic, Topic};
 use crate::message::{ClockProbe, ClockReply, Command, CommandReply, PictureKind, Recent, ReplayStart, TeamMap};
 use crate::time::Timestamp;
@@ -147,61 +147,46 @@ impl Answer for ReplayStart {
     }
 }
 
+/// A question that its key says whole, answered with a message in its envelope.
+macro_rules! asked_by_key {
+    ($question:ident, $answer:ident) => {
+        impl Question for $question {
+            type Answer = $answer;
+            const KIND: Kind = <$answer as Message>::KIND;
+            const ANSWER_KIND: Kind = <$answer as Message>::KIND;
+
+            fn to_payload(&self) -> Result<Option<Vec<u8>>, EncodeError> {
+                Ok(None)
+            }
+
+            fn read(_: Key, _: Option<&[u8]>, _: &dyn Fn(&str) -> Option<String>) -> Result<(Self, bool), String> {
+                Ok((Self, false))
+            }
+        }
+
+        impl Answer for $answer {
+            fn to_bytes(&self, _: bool) -> Result<(Vec<u8>, Encoding), EncodeError> {
+                Ok((codec::encode(self)?, Encoding::APPLICATION_OCTET_STREAM))
+            }
+
+            fn from_bytes(bytes: &[u8]) -> Result<Self, DecodeError> {
+                codec::decode(bytes)
+            }
+        }
+    };
+}
+
 /// A leader that has come late wants what a robot has seen of late, on the key of its observations.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct AskedRecent;
 
-impl Question for AskedRecent {
-    type Answer = Recent;
-    const KIND: Kind = Kind::Recent;
-    const ANSWER_KIND: Kind = Kind::Recent;
-
-    fn to_payload(&self) -> Result<Option<Vec<u8>>, EncodeError> {
-        Ok(None)
-    }
-
-    fn read(_: Key, _: Option<&[u8]>, _: &dyn Fn(&str) -> Option<String>) -> Result<(Self, bool), String> {
-        Ok((Self, false))
-    }
-}
-
-impl Answer for Recent {
-    fn to_bytes(&self, _: bool) -> Result<(Vec<u8>, Encoding), EncodeError> {
-        Ok((codec::encode(self)?, Encoding::APPLICATION_OCTET_STREAM))
-    }
-
-    fn from_bytes(bytes: &[u8]) -> Result<Self, DecodeError> {
-        codec::decode(bytes)
-    }
-}
+asked_by_key!(AskedRecent, Recent);
 
 /// Somebody wants the map.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct AskedMap;
 
-impl Question for AskedMap {
-    type Answer = TeamMap;
-    const KIND: Kind = Kind::TeamMap;
-    const ANSWER_KIND: Kind = Kind::TeamMap;
-
-    fn to_payload(&self) -> Result<Option<Vec<u8>>, EncodeError> {
-        Ok(None)
-    }
-
-    fn read(_: Key, _: Option<&[u8]>, _: &dyn Fn(&str) -> Option<String>) -> Result<(Self, bool), String> {
-        Ok((Self, false))
-    }
-}
-
-impl Answer for TeamMap {
-    fn to_bytes(&self, _: bool) -> Result<(Vec<u8>, Encoding), EncodeError> {
-        Ok((codec::encode(self)?, Encoding::APPLICATION_OCTET_STREAM))
-    }
-
-    fn from_bytes(bytes: &[u8]) -> Result<Self, DecodeError> {
-        codec::decode(bytes)
-    }
-}
+asked_by_key!(AskedMap, TeamMap);
 
 /// Somebody wants the map as JSON.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

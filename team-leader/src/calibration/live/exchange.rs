@@ -3,12 +3,12 @@
 //! A robot that changes keeps what it sees and loses what only means something in the frame that it leaves: its place, the names
 //! of its slots. The calibration that takes it places it as it would any other that stands.
 
+use nalgebra::Matrix3;
 use protocol::frames::Pose2;
 use protocol::time::Timestamp;
 
 use super::{CalibrationConfig, Calibrator, Changes, GAUGE_VAR, LEAST_COUNT, Robot};
 use crate::calibration::naming::{self, Known, View};
-use nalgebra::Matrix3;
 
 /// How long a robot must stand without a place before it is looked for elsewhere, seconds.
 const PATIENCE_S: f64 = 0.6;

@@ -258,7 +258,7 @@ impl Calibrator {
         links
     }
 
-    pub(super) fn settled(&self, robot: usize, at: Timestamp) -> bool {
+    fn settled(&self, robot: usize, at: Timestamp) -> bool {
         self.robots[robot].standing_since.is_some_and(|t| at.seconds_since(t) >= SETTLED_S)
     }
 
