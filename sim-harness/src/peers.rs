@@ -6,16 +6,12 @@
 
 pub mod hidden;
 pub mod layout;
+pub mod pictures;
 pub mod statistics;
 pub mod trial;
 
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-use robot_agent::optics::CameraFile;
-use robot_agent::panorama::PanoramaGeometry;
-use robot_agent::peers::Grid;
-
-use crate::render::rays::Rays;
 use crate::scenario::CameraSpec;
 pub use statistics::Report;
 use trial::{Eyes, Sighting, View};
@@ -37,9 +33,9 @@ pub struct Plan {
     pub camera: CameraSpec,
 }
 
-/// Why there are no figures.
+/// Why there are no figures or pictures.
 #[derive(Debug, thiserror::Error)]
-#[error("the camera cannot be used: {0}")]
+#[error("{0}")]
 pub struct PeersError(String);
 
 /// One layout's outcome.
@@ -57,14 +53,7 @@ pub struct Outcome {
 
 /// Renders and looks; `each` is called after every layout.
 pub fn run(plan: &Plan, each: &(dyn Fn() + Sync)) -> Result<Vec<Outcome>, PeersError> {
-    let spec = &plan.camera;
-    let failed = |e: &dyn std::fmt::Display| PeersError(e.to_string());
-    let camera = CameraFile::parse(&spec.toml(), "camera.toml".as_ref())
-        .and_then(|file| file.mount())
-        .map_err(|e| failed(&e))?;
-    let geometry = PanoramaGeometry::for_camera(&camera).map_err(|e| failed(&e))?;
-    let grid = Grid::of(&geometry).ok_or_else(|| failed(&"no cylinder panorama"))?;
-    let eyes = Eyes::new(spec, Rays::trace(spec), camera, geometry, grid);
+    let eyes = Eyes::of(&plan.camera)?;
     let next = AtomicUsize::new(0);
     let mut outcomes: Vec<(usize, Outcome)> = std::thread::scope(|scope| {
         let work = || {
@@ -74,7 +63,7 @@ pub fn run(plan: &Plan, each: &(dyn Fn() + Sync)) -> Result<Vec<Outcome>, PeersE
                 if n >= plan.layouts {
                     return done;
                 }
-                done.push((n, trial::look(&eyes, plan.seed + n as u64, plan.pictures, plan.robots)));
+                done.push((n, trial::look(&eyes, plan, plan.seed + n as u64)));
                 each();
             }
         };

@@ -44,6 +44,8 @@ const DOUBT: [Doubt; 3] = [
 ];
 /// Beyond, a body of 0.2 m is 14 pixels wide and much looks like it, metres.
 const FARTHEST_M: f64 = 7.0;
+/// Beyond, the corner of a striped box bends as a cylinder does: both outlines must be there, metres.
+const FARTHEST_ONE_SIDED_M: f64 = 4.0;
 /// The rings bend as a cylinder's to within this share, beside noise.
 const BEND_GATE: f64 = 0.1;
 
@@ -70,7 +72,7 @@ const RANGE_SLACK: f64 = 1.05;
 /// fitted reached 0.8.
 const LEAST_RIM: f64 = 0.85;
 /// A lone outline has nothing to contradict it: it may be half somebody else's. Pixels, beside noise and floor.
-const LONE_EDGE_PX: f64 = 0.12;
+const LONE_EDGE_PX: f64 = 0.2;
 /// What is added on a body with bars: light and the bars next to the outline are hard to tell apart there. From 40 rooms: 0.25 px
 /// RMS at 1–2 m, up to 0.5 px below 1 m. Pixels.
 const BARRED_EDGE_FLOOR_PX: f64 = 0.3;
@@ -344,6 +346,7 @@ impl CylinderFinder {
             || (rings.is_rim && rings.visible < LEAST_RIM)
             || (seen == 0 && (rings.edges_seen < 2 || rings.visible < 0.5))
             || body.range_m > FARTHEST_M
+            || (seen < 2 && body.range_m > FARTHEST_ONE_SIDED_M)
         {
             return None;
         }

@@ -31,8 +31,10 @@ pub struct PlateLook {
     pub behind_m: f64,
     /// Lower edge above the floor.
     pub bottom_m: f64,
-    edges_m: Vec<f64>,
-    reflectance: Vec<f64>,
+    /// Heights of the stripes' edges above the floor, from the bottom up, one more than stripes, metres.
+    pub edges_m: Vec<f64>,
+    /// Of each stripe on the front, 0 … 1.
+    pub reflectance: Vec<f64>,
 }
 
 /// Bars round a body, and who wears them.
@@ -175,7 +177,7 @@ impl PlateLook {
         })
     }
 
-    /// A slim pillar with the plate's stripes, or their negative: what the coarse search looks for.
+    /// The plate's stripes, or their negative, as the rings of a slim pillar.
     pub fn pillar(&self) -> CylinderLook {
         let bar = Bar { azimuth_rad: 0.0, half_width_rad: 1.0 };
         CylinderLook {

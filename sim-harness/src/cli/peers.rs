@@ -31,7 +31,7 @@ pub struct PeersArgs {
     /// Threads
     #[arg(long, default_value_t = 2, value_parser = clap::value_parser!(u32).range(1..=64))]
     threads: u32,
-    /// Writes report.json, table.txt and faults.txt there
+    /// Writes report.json, table.txt, faults.txt and a picture of each fault there
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
     /// How to report
@@ -95,6 +95,7 @@ fn work(args: &PeersArgs) -> Result<String, Failure> {
             let path = out.join(name);
             std::fs::write(&path, text).map_err(|e| failed(&format_args!("{}: {e}", path.display())))?;
         }
+        peers::pictures::write(&plan, &outcomes, &report, out).map_err(|e| failed(&e))?;
     }
     Ok(match args.format {
         Format::Text => text,

@@ -109,6 +109,8 @@ pub struct Fault {
     pub seed: u64,
     /// From 0.
     pub picture: usize,
+    /// Where it is in the observer's body frame.
+    pub bearing_deg: f64,
     /// What happened.
     pub what: String,
 }
@@ -156,7 +158,10 @@ pub fn report(outcomes: &[Outcome]) -> Report {
     };
     for outcome in outcomes {
         for (picture, (views, sightings)) in outcome.views.iter().zip(&outcome.sightings).enumerate() {
-            let mut tell = |what: String| report.faults.push(Fault { seed: outcome.seed, picture, what });
+            let mut tell = |bearing_rad: f64, what: String| {
+                let bearing_deg = bearing_rad.to_degrees();
+                report.faults.push(Fault { seed: outcome.seed, picture, bearing_deg, what });
+            };
             for (n, view) in views.iter().enumerate() {
                 let Some(bin) = bin(view.range_m) else { continue };
                 let cell = sums.entry((view.kind, bin)).or_default();
@@ -165,7 +170,7 @@ pub fn report(outcomes: &[Outcome]) -> Report {
                     cell.half_seen.shown += 1;
                     cell.half_seen.found += usize::from(found.is_some());
                     if found.is_none() {
-                        tell(missed(view));
+                        tell(view.bearing_rad, missed(view));
                     }
                 }
                 if let Some(found) = found {
@@ -177,7 +182,8 @@ pub fn report(outcomes: &[Outcome]) -> Report {
                 if nearest > FOUR_SIGMA {
                     report.beyond_four_sigma += 1;
                     report.without_robot += usize::from(sighting.view.is_none());
-                    tell(strayed(sighting, sighting.view.map(|n| &views[n]), nearest.sqrt()));
+                    let view = sighting.view.map(|n| &views[n]);
+                    tell(sighting.peer.bearing_rad, strayed(sighting, view, nearest.sqrt()));
                 }
             }
         }

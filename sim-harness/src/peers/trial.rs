@@ -6,11 +6,11 @@ use std::time::Instant;
 
 use nalgebra::Vector2;
 use protocol::id::RobotId;
-use robot_agent::optics::MountedCamera;
+use robot_agent::optics::{CameraFile, MountedCamera};
 use robot_agent::panorama::{Lut, PanoramaGeometry};
 use robot_agent::peers::{Grid, Peer, PeerDetector};
 
-use super::{Outcome, layout};
+use super::{Outcome, PeersError, Plan, layout};
 use crate::render::Renderer;
 use crate::render::rays::Rays;
 use crate::scenario::{CameraSpec, WearSpec};
@@ -30,14 +30,20 @@ pub struct Eyes {
     camera: MountedCamera,
     geometry: PanoramaGeometry,
     lut: Lut,
-    grid: Grid,
+    pub(super) grid: Grid,
 }
 
 impl Eyes {
-    /// From its parts.
-    pub fn new(spec: &CameraSpec, rays: Rays, camera: MountedCamera, geometry: PanoramaGeometry, grid: Grid) -> Self {
-        let lut = Lut::panorama(&camera, &geometry);
-        Self { spec: spec.clone(), rays: Arc::new(rays), camera, geometry, lut, grid }
+    /// Of a design.
+    pub fn of(spec: &CameraSpec) -> Result<Self, PeersError> {
+        let failed = |e: &dyn std::fmt::Display| PeersError(format!("the camera cannot be used: {e}"));
+        let camera = CameraFile::parse(&spec.toml(), "camera.toml".as_ref())
+            .and_then(|file| file.mount())
+            .map_err(|e| failed(&e))?;
+        let geometry = PanoramaGeometry::for_camera(&camera).map_err(|e| failed(&e))?;
+        let grid = Grid::of(&geometry).ok_or_else(|| failed(&"no cylinder panorama"))?;
+        let (rays, lut) = (Arc::new(Rays::trace(spec)), Lut::panorama(&camera, &geometry));
+        Ok(Self { spec: spec.clone(), rays, camera, geometry, lut, grid })
     }
 }
 
@@ -99,10 +105,20 @@ pub struct Sighting {
     pub view: Option<usize>,
 }
 
+/// A picture of a layout, unwarped.
+pub(super) fn panorama(eyes: &Eyes, plan: &Plan, seed: u64, picture: usize) -> Option<image::GrayImage> {
+    let (_, world) = layout::draw(&eyes.spec, seed, PERIOD_S * plan.pictures as f64, plan.robots)?;
+    let picture = Renderer::of_first(&Arc::new(world), &eyes.rays).render(PERIOD_S * picture as f64);
+    let mut panorama = vec![0; eyes.geometry.pixels()];
+    eyes.lut.unwarp(&picture.gray, &mut panorama).ok()?;
+    image::GrayImage::from_raw(eyes.geometry.width(), eyes.geometry.height(), panorama)
+}
+
 /// Renders a layout's pictures and looks for robots in them.
-pub fn look(eyes: &Eyes, seed: u64, pictures: usize, robots: bool) -> Outcome {
+pub fn look(eyes: &Eyes, plan: &Plan, seed: u64) -> Outcome {
+    let pictures = plan.pictures;
     let mut outcome = Outcome { seed, views: Vec::new(), sightings: Vec::new(), detector_us: 0.0 };
-    let drawn = layout::draw(&eyes.spec, seed, PERIOD_S * pictures as f64, robots);
+    let drawn = layout::draw(&eyes.spec, seed, PERIOD_S * pictures as f64, plan.robots);
     let Some((scenario, world)) = drawn else { return outcome };
     let world = Arc::new(world);
     let mut renderer = Renderer::of_first(&world, &eyes.rays);

@@ -1,0 +1,255 @@
+//! The plane of a plate's stripes, from all of its pixels.
+
+use nalgebra::{Matrix2, Matrix3, SMatrix, SVector, Vector3};
+use protocol::angle::{difference, wrap};
+
+use super::super::look::MAX_RINGS;
+use super::super::rays::{PixelRay, Sample};
+use super::super::rings::{self, BLUR_PX, median};
+use super::{MOST_TURN_RAD, PlateFinder};
+
+/// A column shows the stripes at this correlation.
+const LEAST_CORRELATION: f64 = 0.85;
+/// Median correlation of a plate's columns: what stands before it may spoil a few.
+const LEAST_MEDIAN: f64 = 0.985;
+const ROUNDS: usize = 8;
+/// Height of the camera over the peer's floor: mounting, tilt and floor together, metres.
+const HEIGHT_SIGMA_M: f64 = 0.02;
+/// Most pixels of a fit: a plate near at hand has more than it needs.
+const MOST_PIXELS: usize = 1500;
+/// A first round whose stripes correlate less is not worth a second.
+const HOPELESS: f64 = 0.65;
+const LEAST_COLUMNS: usize = 4;
+
+/// A vertical plane cosα·x + sinα·y = c, the observer at its near side.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Plane {
+    pub(super) alpha: f64,
+    pub(super) c: f64,
+    pub(super) lower_m: f64,
+}
+
+impl Plane {
+    /// Along the floor from a ray's origin, and the height there.
+    pub(super) fn meet(&self, ray: &PixelRay) -> (f64, f64) {
+        let (s, c) = self.alpha.sin_cos();
+        let along = c * f64::from(ray.cosine) + s * f64::from(ray.sine);
+        let from = self.c - c * f64::from(ray.origin_m[0]) - s * f64::from(ray.origin_m[1]);
+        let distance = from / along.max(0.05);
+        (distance, f64::from(ray.origin_m[2]) + f64::from(ray.slope) * distance)
+    }
+
+    /// Distance along a bearing from the axis.
+    pub(super) fn distance(&self, bearing: f64) -> f64 {
+        self.c / (bearing - self.alpha).cos().max(0.05)
+    }
+}
+
+#[derive(Clone)]
+pub(super) struct PlaneFit {
+    pub(super) plane: Plane,
+    /// Of (α, c), metres and radians.
+    pub(super) covariance: Matrix2<f64>,
+    pub(super) noise: f64,
+    /// −1 where it is the back.
+    pub(super) sign: f64,
+    /// Bearings between which columns show the stripes: right, left.
+    pub(super) seen_rad: [f64; 2],
+    pub(super) correlation: f64,
+    pub(super) gain: f64,
+}
+
+const N: usize = 6;
+pub(super) type Sums = SMatrix<f64, N, N>;
+
+impl PlateFinder {
+    /// The pixels that may show a plate near a bearing at about a distance.
+    pub(super) fn few(&self, samples: &[Sample], bearing: f64, distance: f64) -> Vec<Sample> {
+        let reach = (self.look.width_m / distance).atan() + 0.05;
+        let is_about = |s: &&Sample| {
+            let height = f64::from(s.ray.origin_m[2]) + f64::from(s.ray.slope) * distance;
+            let spread = f64::from(s.ray.slope).abs() * (0.15 * distance + 0.6 * self.look.width_m);
+            difference(f64::from(s.ray.bearing_rad), bearing).abs() < reach
+                && height + spread > self.pillar.low_m()
+                && height - spread < self.pillar.high_m()
+        };
+        let about: Vec<Sample> = samples.iter().filter(is_about).copied().collect();
+        let every = about.len().div_ceil(MOST_PIXELS).max(1);
+        about.into_iter().step_by(every).collect()
+    }
+
+    /// The plane of the stripes near a bearing.
+    pub(super) fn fit(&self, samples: &[Sample], start: Plane, bearing: f64) -> Option<PlaneFit> {
+        let mut plane = start;
+        let scale = samples.first().map(|s| f64::from(s.ray.px_per_bearing))?;
+        let reach = (self.look.width_m / plane.distance(bearing)).atan() + 0.05;
+        let wide = (1.0 / scale).max(reach / 60.0);
+        let count = (2.0 * reach / wide).ceil() as usize;
+        let mut fitted = None;
+        for round in 0..ROUNDS {
+            let blur_px = if round < 2 { BLUR_PX.hypot(1.4) } else { BLUR_PX };
+            let grams = self.sums(samples, &plane, bearing, reach, wide, count, blur_px);
+            let shown = shown(&grams, if round < 2 { 0.25 } else { 0.0 });
+            let (first, last, sign) = run(&shown, bearing_column(reach, wide))?;
+            let (mut h, mut g) = (Matrix3::<f64>::zeros(), Vector3::zeros());
+            let (mut rest2, mut dof, mut correlation, mut used) = (0.0, 0.0, 0.0, 0);
+            let (mut gains, mut correlations) = (Vec::new(), Vec::new());
+            for (gram, column) in grams[first..=last].iter().zip(&shown[first..=last]) {
+                let Some((own, gain)) = column.filter(|(c, _)| c * sign > 0.0) else { continue };
+                let n = gram[(0, 0)];
+                let pp = gram[(1, 1)] - gram[(0, 1)].powi(2) / n;
+                let free = |i: usize, j: usize| {
+                    let pi = gram[(1, i)] - gram[(0, 1)] * gram[(0, i)] / n;
+                    let pj = gram[(1, j)] - gram[(0, 1)] * gram[(0, j)] / n;
+                    gram[(i, j)] - gram[(0, i)] * gram[(0, j)] / n - pi * pj / pp
+                };
+                for i in 0..3 {
+                    for j in 0..3 {
+                        h[(i, j)] += gain * gain * free(2 + i, 2 + j);
+                    }
+                    g[i] += gain * free(2 + i, 5);
+                }
+                rest2 += free(5, 5).max(0.0);
+                dof += n - 2.0;
+                correlation += own.abs();
+                used += 1;
+                gains.push(gain.abs());
+                correlations.push(own.abs());
+            }
+            if used < LEAST_COLUMNS || dof < 8.0 || correlation < HOPELESS * used as f64 {
+                return None;
+            }
+            let noise2 = (rest2 / dof).max(0.25);
+            let priors = [(0, 0.0, 0.6), (1, 0.0, 0.3 * plane.c), (2, -plane.lower_m, HEIGHT_SIGMA_M)];
+            for (k, value, sigma) in priors {
+                h[(k, k)] += noise2 / (sigma * sigma);
+                g[k] += noise2 * value / (sigma * sigma);
+            }
+            let inverse = h.try_inverse()?;
+            let delta = inverse * g;
+            plane.alpha += delta[0].clamp(-0.25, 0.25);
+            plane.c += delta[1].clamp(-0.08 * plane.c, 0.08 * plane.c);
+            plane.lower_m += delta[2].clamp(-0.02, 0.02);
+            let drift = plane.distance(bearing) / start.distance(bearing);
+            let turn = difference(plane.alpha, bearing).abs();
+            if !(plane.c > 0.15 && (0.7..1.4).contains(&drift) && turn < MOST_TURN_RAD + 0.1) {
+                return None;
+            }
+            let at = |column: usize| wrap(bearing - reach + (column as f64 + 0.5) * wide);
+            fitted = Some(PlaneFit {
+                plane,
+                covariance: inverse.fixed_view::<2, 2>(0, 0) * noise2,
+                noise: noise2.sqrt(),
+                sign,
+                seen_rad: [at(first), at(last)],
+                correlation: median(&mut correlations),
+                gain: median(&mut gains),
+            });
+        }
+        fitted.filter(|f| f.correlation > LEAST_MEDIAN && f.gain > 6.0 * f.noise)
+    }
+
+    /// Sums over (1, profile, d/dα, d/dc, d/dlower, gray) by column.
+    #[allow(clippy::too_many_arguments)]
+    pub(super) fn sums(
+        &self,
+        samples: &[Sample],
+        plane: &Plane,
+        bearing: f64,
+        reach: f64,
+        wide: f64,
+        count: usize,
+        blur_px: f64,
+    ) -> Vec<Sums> {
+        let look = &self.pillar;
+        let mut grams = vec![Sums::zeros(); count];
+        let mut by_ring = [0.0; MAX_RINGS];
+        let turned = Plane { alpha: plane.alpha + 1e-4, ..*plane };
+        let farther = Plane { c: plane.c * 1.0001, ..*plane };
+        for sample in samples {
+            let aside = difference(f64::from(sample.ray.bearing_rad), bearing);
+            if aside.abs() >= reach {
+                continue;
+            }
+            let (distance, height) = plane.meet(&sample.ray);
+            let m_per_px = sample.ray.m_per_px(distance);
+            let height_m = height + plane.lower_m;
+            let margin = 2.4 * BLUR_PX * m_per_px;
+            if height_m < look.low_m() + margin || height_m > look.high_m() - margin {
+                continue;
+            }
+            let blur_m = blur_px * m_per_px;
+            let mut value = |z: f64| rings::profile(look, &look.reflectance, z, blur_m, &mut by_ring);
+            let here = value(height_m);
+            let up = 0.05 * m_per_px;
+            let by_height = (value(height_m + up) - value(height_m - up)) / (2.0 * up);
+            let row = SVector::<f64, N>::from([
+                1.0,
+                here,
+                by_height * (turned.meet(&sample.ray).1 - height) / 1e-4,
+                by_height * (farther.meet(&sample.ray).1 - height) / (plane.c * 1e-4),
+                by_height,
+                sample.gray,
+            ]);
+            grams[(((aside + reach) / wide) as usize).min(count - 1)] += row * row.transpose();
+        }
+        grams
+    }
+}
+
+fn bearing_column(reach: f64, wide: f64) -> usize {
+    (reach / wide) as usize
+}
+
+/// Correlation and gain of each column that shows stripes or their negative.
+pub(super) fn shown(grams: &[Sums], slack: f64) -> Vec<Option<(f64, f64)>> {
+    grams
+        .iter()
+        .map(|gram| {
+            let n = gram[(0, 0)];
+            let pp = gram[(1, 1)] - gram[(0, 1)].powi(2) / n;
+            if n < 4.0 || pp < 2e-3 * n {
+                return None;
+            }
+            let pi = gram[(1, 5)] - gram[(0, 1)] * gram[(0, 5)] / n;
+            let ii = gram[(5, 5)] - gram[(0, 5)].powi(2) / n;
+            let correlation = pi / (pp * (ii + 0.25 * n)).sqrt();
+            (correlation.abs() > LEAST_CORRELATION - slack).then_some((correlation, pi / pp))
+        })
+        .collect()
+}
+
+/// The longest run of columns of one sign through or near the middle; gaps (a mast) up to a third of it are jumped.
+fn run(shown: &[Option<(f64, f64)>], middle: usize) -> Option<(usize, usize, f64)> {
+    let mut best: Option<(usize, usize, f64, usize)> = None;
+    for sign in [1.0, -1.0] {
+        let mut start: Option<(usize, usize, usize)> = None;
+        let mut close = |run: Option<(usize, usize, usize)>| {
+            if let Some((first, last, count)) = run
+                && count >= LEAST_COLUMNS
+                && best.is_none_or(|b| count > b.3)
+            {
+                best = Some((first, last, sign, count));
+            }
+        };
+        for (i, column) in shown.iter().enumerate() {
+            let shows = column.is_some_and(|(c, _)| c * sign > 0.0);
+            match (&mut start, shows) {
+                (Some((_, last, count)), true) => {
+                    *last = i;
+                    *count += 1;
+                }
+                (None, true) => start = Some((i, i, 1)),
+                (Some((_, last, count)), false) if i - *last > (*count / 3).max(2) => {
+                    close(start);
+                    start = None;
+                }
+                _ => {}
+            }
+        }
+        close(start);
+    }
+    let (first, last, sign, _) = best?;
+    let slack = (last - first) / 2 + 2;
+    (first <= middle + slack && last + slack >= middle).then_some((first, last, sign))
+}
