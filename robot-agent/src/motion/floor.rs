@@ -58,7 +58,7 @@ pub(super) fn is_darker(region: &Region, picture: &[u8], background: &[u16], ras
     10 * darker > 8 * region.area
 }
 
-/// Whether a region shows the background's own texture, only darker: a soft shadow on a wall. Steps over two columns are
+/// Whether a region shows the background's own texture, only darker: a soft shadow on a wall. Steps over some columns are
 /// compared in picture and background; a shadow leaves no more difference than noise does, clothes and limbs leave more.
 pub(super) fn is_soft_shadow(
     region: &Region,
@@ -67,19 +67,16 @@ pub(super) fn is_soft_shadow(
     noise: &[u16],
     raster: &Raster,
 ) -> bool {
-    const STEP: usize = 3;
     if !is_darker(region, picture, background, raster) {
         return false;
     }
     let (mut difference, mut expected) = (0u64, 0u64);
-    for (row, start, len) in region.spans().filter(|(_, _, len)| *len > STEP) {
-        let first = row * raster.width + start;
-        for i in first..first + len - STEP {
-            let now = (i32::from(picture[i + STEP]) - i32::from(picture[i])) << 8;
-            let before = i32::from(background[i + STEP]) - i32::from(background[i]);
-            difference += u64::from(now.abs_diff(before));
-            expected += u64::from(noise[i]);
-        }
+    for (row, start, len) in region.spans().filter(|(_, _, len)| *len > kernel::STEP) {
+        let pixels = row * raster.width + start..row * raster.width + start + len;
+        let (steps, deviations) =
+            kernel::compare_steps(&picture[pixels.clone()], &background[pixels.clone()], &noise[pixels]);
+        difference += u64::from(steps);
+        expected += u64::from(deviations);
     }
     // Two pixels' noise: √2 of one, with a quarter to spare.
     expected > 0 && 10 * difference < 18 * expected

@@ -17,15 +17,18 @@ pub(super) fn filled(region: Region, raster: &Raster) -> Region {
     }
     let width = raster.width;
     let (arc, offset_of) = (region.arc, |start: usize| (start + width - region.arc.start) % width);
-    // First and last row in each column.
+    // First and last row in each column: rows come from top to bottom, what is written last stays.
     let mut top = vec![u32::MAX; arc.width];
     let mut bottom = vec![0u32; arc.width];
-    for (row, start, len) in region.spans() {
-        let offset = offset_of(start);
-        let columns = offset.min(arc.width)..(offset + len).min(arc.width);
-        // Rows come from top to bottom.
-        top[columns.clone()].iter_mut().for_each(|t| *t = (*t).min(row as u32));
-        bottom[columns].fill(row as u32);
+    let columns_of = |run: &Run| {
+        let offset = offset_of(run.start as usize);
+        offset.min(arc.width)..(offset + run.len as usize).min(arc.width)
+    };
+    for run in &region.runs {
+        bottom[columns_of(run)].fill(run.row);
+    }
+    for run in region.runs.iter().rev() {
+        top[columns_of(run)].fill(run.row);
     }
     let mut holes: Vec<Run> = Vec::new();
     for_gaps(&region, raster, |row, gap| {

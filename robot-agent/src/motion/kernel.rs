@@ -225,6 +225,28 @@ pub fn count_darker(picture: &[u8], background: &[u16]) -> usize {
 }
 }
 
+/// Columns of a step in [`compare_steps`].
+pub const STEP: usize = 3;
+
+wide! {
+/// Sums over the pixels of a run (at most 2¹⁵) but the last [`STEP`] ones: by how much the picture's step to the pixel [`STEP`] columns on differs from the
+/// background's, and the noise; all in 8.8 fixed point.
+pub fn compare_steps(picture: &[u8], background: &[u16], noise: &[u16]) -> (u32, u32) {
+    let n = picture.len().saturating_sub(STEP);
+    let (now, then) = (&picture[..n], &picture[picture.len() - n..]);
+    let (here, there) = (&background[..n], &background[background.len() - n..]);
+    let noise = &noise[..n];
+    let (mut steps, mut deviations) = (0u32, 0u32);
+    for i in 0..n {
+        let step = (i32::from(then[i]) - i32::from(now[i])) << 8;
+        let before = i32::from(there[i]) - i32::from(here[i]);
+        steps = steps.wrapping_add(step.abs_diff(before));
+        deviations = deviations.wrapping_add(u32::from(noise[i]));
+    }
+    (steps, deviations)
+}
+}
+
 wide! {
 /// Which of `bins` for each 1 of the ratio picture / background (8.8 fixed point) a pixel falls into, at most the last of two times
 /// `bins`; `u16::MAX` where there is no ratio: not valid, saturated, or a background below `least`.

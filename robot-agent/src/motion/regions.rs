@@ -1,9 +1,11 @@
 //! Connected regions of a mask on a ring.
 //!
 //! Two pixels belong together when their squares of (2g_x+1) × (2g_y+1) touch (8-connected): the report's dilation and
-//! labelling in one (`MATHS.md` §7.5). Touching squares are the same as |Δx| ≤ 2g_x+1 and |Δy| ≤ 2g_y+1, so it is enough to
-//! join *runs* of the mask's rows that are that close: no dilated picture, and work by the number of runs, not of pixels.
+//! labelling in one (`MATHS.md` §7.5). The squares are drawn 64 pixels a word, their runs joined row by row; a region is the runs
+//! of the mask in the runs of one set of squares: work by the number of runs, not of pixels.
 //! The box is the minimal covering arc: the complement of the longest stretch of empty columns. Golden group `grouping`.
+
+use std::ops::Range;
 
 use super::marks::{Marks, WORD};
 use super::raster::{Arc, Raster};
@@ -45,7 +47,7 @@ impl Region {
     }
 
     /// The part of a region in some of its arc's columns, counted from the arc's first; `None` where nothing is there.
-    pub fn columns(&self, columns: std::ops::Range<usize>, raster: &Raster) -> Option<Self> {
+    pub fn columns(&self, columns: Range<usize>, raster: &Raster) -> Option<Self> {
         let mut runs = Vec::new();
         for run in &self.runs {
             let offset = (run.start as usize + raster.width - self.arc.start) % raster.width;
@@ -123,59 +125,130 @@ pub fn group(mask: &[u8], raster: &Raster, gap: [usize; 2], min_area: usize) -> 
 /// Groups marks, with its working memory.
 #[derive(Debug, Default)]
 pub(super) struct Grouping {
-    runs: Vec<Run>,
-    /// Index of the first run of each row, and the number of runs.
-    row_starts: Vec<usize>,
+    runs: Runs,
+    /// The squares of all marked pixels, and their runs.
+    squares: Vec<u64>,
+    spread: Vec<u64>,
+    square_runs: Runs,
+    /// Of the runs of squares.
     parent: Vec<u32>,
-    /// Pixels of the region whose first run this is, and its place among those that are large enough.
+    /// Marked pixels of the region whose first run of squares this is, later its place among those that are large enough.
     areas: Vec<usize>,
     columns: Vec<u8>,
+}
+
+/// Runs in the order of rows.
+#[derive(Debug, Default)]
+struct Runs {
+    all: Vec<Run>,
+    /// Index of the first run of each row, and the number of runs.
+    row_starts: Vec<usize>,
 }
 
 impl Grouping {
     /// See [`group`].
     pub(super) fn group(&mut self, mask: &Marks, raster: &Raster, gap: [usize; 2], min_area: usize) -> Vec<Region> {
-        find_runs(mask, raster, &mut self.runs, &mut self.row_starts);
-        let Self { runs, row_starts, parent, areas, columns } = self;
+        find_runs(mask.words(), raster, &mut self.runs);
+        self.draw_squares(mask, raster, gap);
+        find_runs(&self.squares, raster, &mut self.square_runs);
+        let Self { runs, square_runs, parent, areas, columns, .. } = self;
         parent.clear();
-        parent.extend(0..runs.len() as u32);
-        join_near_runs(runs, row_starts, raster, gap, parent);
+        parent.extend(0..square_runs.all.len() as u32);
+        join_touching(square_runs, raster, parent);
         areas.clear();
-        areas.resize(runs.len(), 0);
-        for i in 0..runs.len() {
-            let root = find(parent, i as u32);
-            parent[i] = root;
-            areas[root as usize] += runs[i].len as usize;
-        }
-        // Roots are the first runs of their regions; from here on `areas` says where a large enough one is.
+        areas.resize(parent.len(), 0);
+        for_roots(runs, square_runs, parent, raster, |run, root| areas[root] += run.len as usize);
+        // From here on `areas` says which region a root is: in the order of first pixels, of those that are large enough.
+        const NOT_YET: usize = usize::MAX - 1;
+        areas.iter_mut().for_each(|area| *area = if *area >= min_area.max(1) { NOT_YET } else { usize::MAX });
         let mut members: Vec<Vec<Run>> = Vec::new();
-        for i in 0..runs.len() {
-            let root = parent[i] as usize;
-            if root == i {
-                areas[i] = if areas[i] >= min_area.max(1) { members.len() } else { usize::MAX };
-                members.extend((areas[i] != usize::MAX).then(Vec::new));
+        for_roots(runs, square_runs, parent, raster, |run, root| {
+            if areas[root] == NOT_YET {
+                areas[root] = members.len();
+                members.push(Vec::new());
             }
             if let Some(member) = members.get_mut(areas[root]) {
-                member.push(runs[i]);
+                member.push(run);
+            }
+        });
+        members.into_iter().map(|runs| Region::from_runs(runs, raster, columns)).collect()
+    }
+
+    /// The squares of (2g_x+1) × (2g_y+1) round all marked pixels, after their runs were found.
+    fn draw_squares(&mut self, mask: &Marks, raster: &Raster, gap: [usize; 2]) {
+        let stride = mask.stride();
+        self.squares.clear();
+        self.squares.resize(stride * raster.height, 0);
+        for y in 0..raster.height {
+            if self.runs.row_starts[y] == self.runs.row_starts[y + 1] {
+                continue;
+            }
+            self.spread.clear();
+            self.spread.extend_from_slice(mask.row(y));
+            for _ in 0..gap[0] {
+                spread_by_one(&mut self.spread, raster);
+            }
+            for near in y.saturating_sub(gap[1])..(y + gap[1] + 1).min(raster.height) {
+                for (square, word) in self.squares[near * stride..][..stride].iter_mut().zip(&self.spread) {
+                    *square |= word;
+                }
             }
         }
-        members.into_iter().map(|runs| Region::from_runs(runs, raster, columns)).collect()
     }
 }
 
-fn find_runs(mask: &Marks, raster: &Raster, runs: &mut Vec<Run>, row_starts: &mut Vec<usize>) {
-    runs.clear();
-    row_starts.clear();
+/// Marks the left and the right neighbours, too.
+fn spread_by_one(row: &mut [u64], raster: &Raster) {
+    let last = (raster.width - 1) % WORD;
+    let n = row.len();
+    let ends = [row[0] & 1, row[n - 1] >> last & 1];
+    let mut before = 0;
+    for i in 0..n {
+        let word = row[i];
+        let after = row.get(i + 1).map_or(0, |next| next << (WORD - 1));
+        row[i] = word | word << 1 | word >> 1 | before | after;
+        before = word >> (WORD - 1);
+    }
+    if raster.wraps {
+        row[0] |= ends[1];
+        row[n - 1] |= ends[0] << last;
+    }
+    if last + 1 < WORD {
+        row[n - 1] &= (1 << (last + 1)) - 1;
+    }
+}
+
+/// Each run with the root of the run of squares that it lies in.
+fn for_roots(runs: &Runs, squares: &Runs, parent: &mut [u32], raster: &Raster, mut f: impl FnMut(Run, usize)) {
     for y in 0..raster.height {
-        row_starts.push(runs.len());
+        let mut square = squares.row_starts[y];
+        for run in &runs.all[runs.row_starts[y]..runs.row_starts[y + 1]] {
+            // Squares are cut off where there are too many of them.
+            while squares.all.get(square).is_some_and(|s| s.row == run.row && s.start + s.len <= run.start) {
+                square += 1;
+            }
+            if square < squares.row_starts[y + 1] {
+                f(*run, find(parent, square as u32) as usize);
+            }
+        }
+    }
+}
+
+fn find_runs(words: &[u64], raster: &Raster, runs: &mut Runs) {
+    let stride = raster.width.div_ceil(WORD);
+    let Runs { all, row_starts } = runs;
+    all.clear();
+    row_starts.clear();
+    for (y, row) in words.chunks_exact(stride).enumerate() {
+        row_starts.push(all.len());
         // First column of a run that has not ended yet.
         let mut open: Option<usize> = None;
         let mut add = |start: usize, end: usize| {
-            if runs.len() < MAX_RUNS {
-                runs.push(Run { row: y as u32, start: start as u32, len: (end - start) as u32 });
+            if all.len() < MAX_RUNS {
+                all.push(Run { row: y as u32, start: start as u32, len: (end - start) as u32 });
             }
         };
-        for (w, &bits) in mask.row(y).iter().enumerate() {
+        for (w, &bits) in row.iter().enumerate() {
             // Most of a mask is empty.
             if bits == 0 && open.is_none() {
                 continue;
@@ -197,56 +270,43 @@ fn find_runs(mask: &Marks, raster: &Raster, runs: &mut Vec<Run>, row_starts: &mu
             add(start, raster.width);
         }
     }
-    row_starts.push(runs.len());
+    row_starts.push(all.len());
 }
 
-fn join_near_runs(runs: &[Run], row_starts: &[usize], raster: &Raster, gap: [usize; 2], parent: &mut [u32]) {
-    let reach_x = 2 * gap[0] as i32 + 1;
-    let reach_y = 2 * gap[1] + 1;
-    let w = raster.width as i32;
-    let first = |run: &Run| run.start as i32;
-    let last = |run: &Run| (run.start + run.len) as i32 - 1;
-    let near = |a: &Run, b: &Run| {
-        let plain = |shift: i32| first(b) + shift - last(a) <= reach_x && first(a) - (last(b) + shift) <= reach_x;
-        plain(0) || (raster.wraps && (plain(w) || plain(-w)))
-    };
+/// Joins runs that touch, also by a corner.
+fn join_touching(runs: &Runs, raster: &Raster, parent: &mut [u32]) {
+    let Runs { all, row_starts } = runs;
+    let last_column = raster.width as u32 - 1;
+    let ends = |row: &Range<usize>| all[row.clone()].first().zip(all[row.clone()].last());
+    // Whether two runs touch over the seam.
+    let over_seam = |left: &Run, right: &Run| left.start == 0 && right.start + right.len == last_column + 1;
     for y in 0..raster.height {
         let here = row_starts[y]..row_starts[y + 1];
-        let Some((left_most, right_most)) = runs[here.clone()].first().zip(runs[here.clone()].last()) else { continue };
-        // In one row the nearest run on the left decides, and over the seam the first and the last.
-        for i in here.start + 1..here.end {
-            if near(&runs[i - 1], &runs[i]) {
-                join(parent, i as u32, i as u32 - 1);
-            }
-        }
-        if raster.wraps && near(left_most, right_most) {
+        let Some((first, last)) = ends(&here) else { continue };
+        if raster.wraps && over_seam(first, last) {
             join(parent, here.end as u32 - 1, here.start as u32);
         }
-        for dy in 1..=reach_y.min(y) {
-            let above = row_starts[y - dy]..row_starts[y - dy + 1];
-            let Some((left_above, right_above)) = runs[above.clone()].first().zip(runs[above.clone()].last()) else {
-                continue;
-            };
-            let mut skipped = 0;
-            for (i, run) in here.clone().zip(&runs[here.clone()]) {
-                // Runs are sorted: skip those that end too far left of this one.
-                let rest = &runs[above.start + skipped..above.end];
-                skipped += rest.iter().take_while(|r| last(r) + reach_x < first(run)).count();
-                let mut root = find(parent, i as u32);
-                let reached = runs[above.start + skipped..above.end].iter().zip(above.start + skipped..);
-                for (_, j) in reached.take_while(|(r, _)| first(r) <= last(run) + reach_x) {
-                    // Most are together already.
-                    if parent[j] != root {
-                        root = join(parent, root, j as u32);
-                    }
-                }
-                if raster.wraps && (first(run) < reach_x || last(run) + 1 + reach_x > w) {
-                    for (j, other) in [(above.start, left_above), (above.end - 1, right_above)] {
-                        if near(other, run) {
-                            join(parent, i as u32, j as u32);
-                        }
-                    }
-                }
+        let above = row_starts[y.saturating_sub(1)]..row_starts[y];
+        let Some((first_above, last_above)) = ends(&above) else { continue };
+        let (mut i, mut j) = (here.start, above.start);
+        while i < here.end && j < above.end {
+            let (run, other) = (&all[i], &all[j]);
+            let (end, other_end) = (run.start + run.len, other.start + other.len);
+            if other.start <= end && run.start <= other_end {
+                join(parent, i as u32, j as u32);
+            }
+            if end < other_end {
+                i += 1;
+            } else {
+                j += 1;
+            }
+        }
+        if raster.wraps {
+            if over_seam(first, last_above) {
+                join(parent, here.start as u32, above.end as u32 - 1);
+            }
+            if over_seam(first_above, last) {
+                join(parent, here.end as u32 - 1, above.start as u32);
             }
         }
     }
@@ -350,6 +410,48 @@ mod tests {
             for (a, b) in region.centroid.iter().zip(pair("centroid")) {
                 assert!((a - b).abs() < 1e-9, "{a} {b}");
             }
+        }
+    }
+
+    /// Pixels of one region by the definition: |Δx| ≤ 2g_x+1 and |Δy| ≤ 2g_y+1, one after the other.
+    fn by_definition(mask: &[u8], raster: &Raster, [gx, gy]: [usize; 2], least: usize) -> Vec<Vec<usize>> {
+        let mut left: Vec<usize> = (0..mask.len()).filter(|i| mask[*i] != 0).collect();
+        let mut regions = Vec::new();
+        while !left.is_empty() {
+            let mut region = vec![left.remove(0)];
+            let mut next = 0;
+            while let Some(&p) = region.get(next) {
+                next += 1;
+                left.retain(|q| {
+                    let dx = (p % raster.width).abs_diff(q % raster.width);
+                    let dx = if raster.wraps { dx.min(raster.width - dx) } else { dx };
+                    let near = dx <= 2 * gx + 1 && (p / raster.width).abs_diff(q / raster.width) <= 2 * gy + 1;
+                    if near {
+                        region.push(*q);
+                    }
+                    !near
+                });
+            }
+            region.sort_unstable();
+            regions.extend((region.len() >= least).then_some(region));
+        }
+        regions
+    }
+
+    #[test]
+    fn regions_are_what_the_definition_says_at_any_width_and_gap() {
+        let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(6);
+        for n in 0..120 {
+            let raster = Raster { width: [20, 64, 65, 130][n % 4], height: 17, wraps: n % 3 > 0 };
+            let gap = [n % 5, n / 5 % 4];
+            let mask: Vec<u8> = (0..raster.len()).map(|_| u8::from(rng.next_u32() % 40 == 0)).collect();
+            let least = 1 + n % 3;
+            let found: Vec<Vec<usize>> = group(&mask, &raster, gap, least)
+                .iter()
+                .map(|r| r.spans().flat_map(|(row, start, len)| (0..len).map(move |k| (row, start + k))))
+                .map(|pixels| pixels.map(|(row, x)| row * raster.width + x).collect())
+                .collect();
+            assert_eq!(found, by_definition(&mask, &raster, gap, least), "{raster:?} {gap:?}");
         }
     }
 

@@ -63,8 +63,8 @@ pub(super) fn place(region: &Strip, bodies: &[Sought<'_>], raster: &Raster) -> V
                 let reach = (3.0 * bodies[k].sigma).clamp(4.0, 24.0) as i32;
                 let mut best = (f32::INFINITY, starts[k]);
                 let centre = predicted[k].round() as i32;
+                let mut trial = starts.clone();
                 for candidate in centre - reach..=centre + reach {
-                    let mut trial = starts.clone();
                     trial[k] = candidate;
                     let pull = (f64::from(candidate) - predicted[k]) / bodies[k].sigma;
                     let total = misfit(region, bodies, &trial) / CELLS_PER_UNIT + 0.5 * (pull * pull) as f32;

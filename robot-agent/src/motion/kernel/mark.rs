@@ -103,12 +103,14 @@ pub fn known_look(picture: &[u8], exposure_q15: u16, noise: &[u16], layers: Laye
 wide! {
 /// How many pixels of two pictures differ by `threshold` or more (6-1).
 pub fn count_differences(a: &[u8], b: &[u8], threshold: u8) -> usize {
-    a.chunks(255)
-        .zip(b.chunks(255))
-        .map(|(a, b)| {
-            let count = a.iter().zip(b).fold(0u8, |s, (&a, &b)| s.wrapping_add(u8::from(a.abs_diff(b) >= threshold)));
-            usize::from(count)
-        })
-        .sum()
+    let mut differing = 0;
+    for (a, b) in a.chunks(255).zip(b.chunks(255)) {
+        let mut count = 0u8;
+        for (&a, &b) in a.iter().zip(b) {
+            count = count.wrapping_add(u8::from(a.abs_diff(b) >= threshold));
+        }
+        differing += usize::from(count);
+    }
+    differing
 }
 }

@@ -95,6 +95,13 @@ fn everything(seed: u64) -> Vec<Vec<u64>> {
     majority_of_counts(&counts, 2, &need, &mut majority);
     let mut all = vec![known, faint, strong, counts, majority];
     all.push(vec![u64::from(exchanged), forgiven, trimmed, count_differences(&current, &before, 40) as u64]);
+    let (steps, deviations) = compare_steps(&current, &level, &noise);
+    let plain = (0..N - STEP).map(|i| {
+        let step = (i64::from(current[i + STEP]) - i64::from(current[i])) * 256;
+        (step - (i64::from(level[i + STEP]) - i64::from(level[i]))).unsigned_abs()
+    });
+    assert_eq!(u64::from(steps), plain.sum::<u64>());
+    all.push(vec![u64::from(steps), u64::from(deviations)]);
     all.push(products.into_iter().flatten().map(u64::from).collect());
     all.extend([level, second, noise].map(|v| v.into_iter().map(u64::from).collect()));
     all.extend([magnitude, most, seen, seen_second].map(|v| v.into_iter().map(u64::from).collect()));

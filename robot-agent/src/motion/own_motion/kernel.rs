@@ -135,17 +135,22 @@ fn sums<T: Gray>(reference: &[T], picture: &[u8], valid: &[u8], raster: &Raster,
         lanes.fill([0.0; LANES]);
         for y in (1..height.saturating_sub(1)).step_by(row_step) {
             let i = y * width;
-            let row = columns_of(&reference[i..i + width], x0, plain, &at);
-            let above = columns_of(&reference[i - width..i], x0, plain, &at);
-            let below = columns_of(&reference[i + width..i + 2 * width], x0, plain, &at);
-            let now = columns_of(&picture[i..i + width], x0, plain, &at);
-            let tested = columns_of(&valid[i..i + width], x0, plain, &at);
+            let row = &reference[i..i + width];
+            let (left, row, right) = (
+                columns_of(row, x0, 0, plain, &at),
+                columns_of(row, x0, 1, plain, &at),
+                columns_of(row, x0, 2, plain, &at),
+            );
+            let above = columns_of(&reference[i - width..i], x0, 1, plain, &at);
+            let below = columns_of(&reference[i + width..i + 2 * width], x0, 1, plain, &at);
+            let now = columns_of(&picture[i..i + width], x0, 1, plain, &at);
+            let tested = columns_of(&valid[i..i + width], x0, 1, plain, &at);
             for l in 0..LANES {
-                let w = tested[l + 1] * inside[l];
-                let p = w * (row[l + 1] - 128.0);
-                let x = w * 0.5 * (row[l + 2] - row[l]);
-                let y = w * 0.5 * (below[l + 1] - above[l + 1]);
-                let r = w * (now[l + 1] - row[l + 1]);
+                let w = tested[l] * inside[l];
+                let p = w * (row[l] - 128.0);
+                let x = w * 0.5 * (right[l] - left[l]);
+                let y = w * 0.5 * (below[l] - above[l]);
+                let r = w * (now[l] - row[l]);
                 lanes[W][l] += w;
                 lanes[P][l] += p;
                 lanes[X][l] += x;
@@ -170,16 +175,16 @@ fn sums<T: Gray>(reference: &[T], picture: &[u8], valid: &[u8], raster: &Raster,
     Sums(total)
 }
 
-/// Sixteen columns of a row and their neighbours, in grey levels.
+/// Sixteen columns of a row in grey levels, from place `shift` of `at` on: column `x0` + `shift` − 1, where that is `plain`.
 #[inline(always)]
-fn columns_of<T: Gray>(row: &[T], x0: usize, plain: bool, at: &[usize; LANES + 2]) -> [f32; LANES + 2] {
-    let mut out = [0.0; LANES + 2];
-    if plain {
-        for (o, v) in out.iter_mut().zip(&row[x0 - 1..x0 + LANES + 1]) {
-            *o = v.gray();
+fn columns_of<T: Gray>(row: &[T], x0: usize, shift: usize, plain: bool, at: &[usize; LANES + 2]) -> [f32; LANES] {
+    let mut out = [0.0; LANES];
+    if plain && let Some(values) = row[x0 + shift - 1..].first_chunk::<LANES>() {
+        for l in 0..LANES {
+            out[l] = values[l].gray();
         }
     } else {
-        for (o, x) in out.iter_mut().zip(at) {
+        for (o, x) in out.iter_mut().zip(&at[shift..]) {
             *o = row[*x].gray();
         }
     }
