@@ -241,6 +241,7 @@ pub struct MotionStage {
     noise_sigma: f64,
     /// Picture / background, the light's common factor.
     gain: f64,
+    light: gain::Light,
     sensor_failed: bool,
     frozen: sensor::Frozen,
 }
@@ -304,6 +305,7 @@ impl MotionStage {
             kept: Vec::new(),
             noise_sigma: 2.0,
             gain: 1.0,
+            light: gain::Light::default(),
             sensor_failed: false,
             frozen: sensor::Frozen::default(),
             settings,
@@ -570,6 +572,7 @@ impl MotionStage {
         self.state = BackgroundState::Suspended;
         self.background.restart();
         self.gain = 1.0;
+        self.light = gain::Light::default();
         self.first.clear();
         self.ghosts.clear();
     }
@@ -595,8 +598,12 @@ impl MotionStage {
     /// Marks what differs from the background; how many pixels do strongly.
     fn mark(&mut self) -> usize {
         let [faint, strong] = self.settings.floor_levels.map(|f| (f * 256.0) as u16);
+        self.gain = gain::common_gain(&self.picture, &self.background.level, &self.valid, self.gain);
+        if self.light.stays(self.gain, self.capture) {
+            self.background.relight(self.gain);
+            self.gain = 1.0;
+        }
         let Background { level, noise, .. } = &self.background;
-        self.gain = gain::common_gain(&self.picture, level, &self.valid, self.gain);
         let exposure_q15 = gain::inverse_q15(self.gain);
         let (width, stride) = (self.raster.width, self.faint.stride());
         let mut differing = 0;

@@ -173,6 +173,7 @@ impl Tracker {
         }
         if self.figures.is_some() {
             self.step_people(scene, capture, dt_s, peers);
+            self.note_company(dt_s);
         } else {
             self.step_regions(scene, capture);
         }
@@ -347,7 +348,7 @@ impl Tracker {
             area_px,
             axis_column: axis,
             bearing_rad,
-            bearing_sigma_rad: track.axis_sigma * step,
+            bearing_sigma_rad: step * if self.figures.is_some() { track.told_sigma() } else { track.axis_sigma },
             extent,
             width_rad: track.shape.w * step,
             confidence: track.confidence(),
@@ -554,7 +555,7 @@ impl Tracker {
             let figure_m = self.figures.is_some().then(|| track.log_range.exp());
             let feet = figure_m.is_none() || (!track.feet_hidden && track.support > LEAST_SUPPORT_OF_FEET);
             let person = !matches!(track.class(), ObjectClass::Robot | ObjectClass::Other);
-            let known = Known { width_rad: trunk_rad.min(width_rad), shared, person, figure_m, feet };
+            let known = Known { width_rad: trunk_rad.min(width_rad), shared, person, figure_m, feet, head: track.head };
             let extent = extent::measure(scene, &self.view, track.axis, track.rows, &known);
             track.extent = Some(extent);
             if !shared && let Some((bearing, _)) = self.view.angles_rad(track.axis, middle) {

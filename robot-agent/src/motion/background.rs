@@ -225,6 +225,19 @@ impl Background {
         }
     }
 
+    /// The light has changed by a factor, and stays so: all looks are as bright as that.
+    pub(super) fn relight(&mut self, factor: f64) {
+        let factor_q13 = (factor.clamp(0.25, 4.0) * 8192.0).round() as u32;
+        for levels in [&mut self.level, &mut self.second] {
+            for level in levels.iter_mut() {
+                *level = ((u32::from(*level) * factor_q13) >> 13).min(255 << 8) as u16;
+            }
+        }
+        for noise in &mut self.noise {
+            *noise = ((u32::from(*noise) * factor_q13) >> 13).min(u32::from(self.most_noise)) as u16;
+        }
+    }
+
     /// Takes away the marks of a row, which begins with pixel `first`, where the picture shows what was the background before.
     pub(super) fn forgive_known(
         &self,
@@ -368,6 +381,16 @@ mod tests {
             assert_eq!(u64::from(background.level[0]), want.as_u64().unwrap());
             assert_eq!(background.level[1], 25600, "object pixels are not learnt");
         }
+    }
+
+    #[test]
+    fn a_relit_background_is_what_the_camera_sees_in_that_light() {
+        let mut background = Background::new(BackgroundMode::Instantaneous, 3);
+        background.collect(&[40, 100, 240], at(0.0));
+        background.relight(0.5);
+        assert_eq!(background.levels(), [20, 50, 120]);
+        background.relight(4.0);
+        assert_eq!(background.levels(), [80, 200, 255]);
     }
 
     #[test]

@@ -5,6 +5,8 @@
 
 use std::ops::Range;
 
+use protocol::time::Timestamp;
+
 use super::kernel;
 
 /// Largest correction at once, as a factor up or down; what is beyond is an event, not exposure.
@@ -59,6 +61,33 @@ pub(super) fn common_gain(picture: &[u8], background: &[u16], valid: &[u8], befo
     if within(gain, LIMIT) || within(gain / before, DRIFT) && within(gain, MOST_DRIFT) { gain } else { 1.0 }
 }
 
+/// Since when the light has been clearly another than the background's: dusk goes on, an exposure comes back.
+#[derive(Debug, Default)]
+pub(super) struct Light {
+    other_since: Option<Timestamp>,
+}
+
+impl Light {
+    /// Takes the gain of a frame; whether the background should take over this light.
+    pub(super) fn stays(&mut self, gain: f64, capture: Timestamp) -> bool {
+        if (1.0 / OTHER_LIGHT..=OTHER_LIGHT).contains(&gain) {
+            self.other_since = None;
+            return false;
+        }
+        let since = *self.other_since.get_or_insert(capture);
+        let stays = capture.seconds_since(since) >= STAYS_S;
+        if stays {
+            self.other_since = None;
+        }
+        stays
+    }
+}
+
+/// Another light than the background's …
+const OTHER_LIGHT: f64 = 1.25;
+/// … that has stayed for so long, seconds.
+const STAYS_S: f64 = 1.5;
+
 /// Factor that brings a picture back to the background's exposure, as [`super::kernel::expose`] takes it (Q15).
 pub(super) fn inverse_q15(gain: f64) -> u16 {
     (32768.0 / gain).round().clamp(1.0, 65535.0) as u16
@@ -78,6 +107,44 @@ mod tests {
             .collect();
         let gain = common_gain(&picture, &background, &vec![1; 30_000], 1.0);
         assert!((gain - 1.1).abs() < 0.02, "{gain}");
+    }
+
+    #[test]
+    fn the_background_takes_over_a_light_that_stays_and_none_that_passes() {
+        let at = |s: f64| Timestamp::from_secs_f64(s);
+        let mut light = Light::default();
+        let passing = (0..30).any(|i| light.stays(if i % 10 < 8 { 0.7 } else { 1.0 }, at(0.1 * f64::from(i))));
+        assert!(!passing);
+        let mut light = Light::default();
+        assert!((0..15).all(|i| !light.stays(0.7, at(0.1 * f64::from(i)))) && light.stays(0.7, at(1.6)));
+    }
+
+    #[test]
+    fn a_room_in_which_it_grows_dark_stays_known() {
+        use rand::{Rng, SeedableRng};
+
+        use crate::motion::{Holds, MotionSettings, MotionStage, Raster};
+        let raster = Raster { width: 160, height: 60, wraps: true };
+        let mut stage = MotionStage::new(raster, None, MotionSettings::default()).unwrap();
+        let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(11);
+        let mut alarms = Vec::new();
+        for frame in 0..350 {
+            let time_s = 0.1 * f64::from(frame);
+            let light = 1.0 - (time_s - 4.0).clamp(0.0, 30.0) / 45.0; // to a third within 30 s
+            let picture: Vec<u8> = (0..raster.len())
+                .map(|i| {
+                    let wall = 60.0 + 14.0 * ((i % 160) / 8 % 11) as f64;
+                    let noise = (0..4).map(|_| f64::from(rng.next_u32() >> 24) / 256.0 - 0.5).sum::<f64>() * 3.0;
+                    (wall * light + noise).round().clamp(0.0, 255.0) as u8
+                })
+                .collect();
+            alarms.extend(stage.change(&picture, Timestamp::from_secs_f64(1.0 + time_s)).unwrap().alarm);
+            stage.extract();
+            let objects = stage.scene().objects.len();
+            assert_eq!(objects, 0, "objects at {time_s:.1} s");
+            stage.learn(&Holds::default());
+        }
+        assert_eq!(alarms, [protocol::message::AlarmKind::BackgroundReady]);
     }
 
     #[test]

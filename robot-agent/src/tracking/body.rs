@@ -60,7 +60,7 @@ impl Body {
             }
         }
         let offset = if sum > 0.0 { weighted / sum } else { (arc.width as f64 - 1.0) / 2.0 };
-        let rows = solid_rows(region, scene, first..last + 1);
+        let rows = solid_rows(region, scene, first..last + 1, SOLID);
         Self {
             both_cut: rows[0] < BORDER_ROWS && rows[1] + BORDER_ROWS >= raster.height,
             arc: Arc { start: raster.column(arc.start, first), width: last - first + 1 },
@@ -89,10 +89,17 @@ impl Body {
     }
 }
 
-/// First and last row of what is solid in some columns (counted from the arc's first): rows that change at least half as
-/// much as the typical one. Shadows on the floor run on below the feet, but fainter.
-pub(super) fn solid_rows(region: &Region, scene: &Scene<'_>, columns: std::ops::Range<usize>) -> [usize; 2] {
-    const SOLID: f64 = 0.5;
+/// Rows that change this much less than the typical one are not solid.
+const SOLID: f64 = 0.5;
+
+/// First and last row of what is solid in some columns (counted from the arc's first): rows that change at least so much of
+/// what the typical one does, the first at least `at_top`, the last [`SOLID`]. Shadows on the floor run on below the feet, but fainter.
+pub(super) fn solid_rows(
+    region: &Region,
+    scene: &Scene<'_>,
+    columns: std::ops::Range<usize>,
+    at_top: f64,
+) -> [usize; 2] {
     let raster = scene.raster;
     let mut rows = vec![(0u32, 0u32); region.height()];
     for (row, start, len) in region.spans() {
@@ -113,9 +120,9 @@ pub(super) fn solid_rows(region: &Region, scene: &Scene<'_>, columns: std::ops::
     }
     let middle = means.len() / 2;
     let (_, typical, _) = means.select_nth_unstable_by(middle, f64::total_cmp);
-    let least = SOLID * *typical;
-    let first = rows.iter().position(|r| mean(r) >= least).unwrap_or(0);
-    let last = rows.iter().rposition(|r| mean(r) >= least).unwrap_or(rows.len() - 1);
+    let typical = *typical;
+    let first = rows.iter().position(|r| mean(r) >= at_top * typical).unwrap_or(0);
+    let last = rows.iter().rposition(|r| mean(r) >= SOLID * typical).unwrap_or(rows.len() - 1);
     [region.rows[0] + first, region.rows[0] + last]
 }
 

@@ -3,7 +3,7 @@
 //! An end at the border of what is tested is *cut*; an end below which something nearer stands (a neighbour in one region, a
 //! fellow robot, furniture) is *hidden*. Both are bounds, never measurements. Furniture is not seen by the motion stage, but
 //! a body whose feet are hidden by a table would, taken at its word, stand further away and be a giant: lower ends that
-//! make no body are hidden too.
+//! make no body are hidden too, and so are tops that make nobody who stands: a head that is lost in what is behind it.
 
 use protocol::message::ElevationEnd;
 
@@ -31,6 +31,13 @@ const FOOT_SIGMA_ROWS: f64 = 2.0;
 const TOP_SIGMA_ROWS: f64 = 1.2;
 /// Heights and breadths of an upright person, metres: what a range from the feet must give.
 const PERSON_HEIGHT_M: [f64; 2] = [1.3, 2.15];
+/// The lower edge of what is seen of somebody is the near end of a foot: nearer than the body's axis by half a foot and half a
+/// step (mean and standard deviation, metres).
+const FOOT_AHEAD_M: (f64, f64) = (0.17, 0.1);
+/// Hair and face may be lost in what is behind them: error of a top, metres.
+const HEAD_M: f64 = 0.06;
+/// A lower top is no head of somebody who stands.
+const LEAST_TOP_M: f64 = 1.4;
 /// Feet are where the body is but for a step: relative error of a range from them.
 const LEAST_SPREAD: f64 = 0.08;
 /// Largest difference of the logarithms of the range from the feet and the figure's.
@@ -51,6 +58,8 @@ pub(super) struct Known {
     pub(super) figure_m: Option<f64>,
     /// Its lowest marks may be feet.
     pub(super) feet: bool,
+    /// Its highest ones may be a head.
+    pub(super) head: bool,
 }
 
 /// Measures the extent of what spans `rows` about `axis`.
@@ -73,13 +82,15 @@ pub(super) fn measure(scene: &Scene<'_>, view: &View, axis: f64, rows: [usize; 2
         ends[0] = ElevationEnd::Hidden;
     }
     let step = view.steps_rad(axis, 0.5 * (top + bottom))[1];
-    let sigma_rad = TOP_SIGMA_ROWS.hypot(0.01 * (bottom - top)) * step;
     let mut range = None;
     if ends[0] == ElevationEnd::Seen
         && let Some(height_m) = view.height_m
     {
         let foot_sigma_rad = FOOT_SIGMA_ROWS * step;
-        match from_ground_contact(elevation_rad[0], foot_sigma_rad, height_m, view.tilt_sigma_rad) {
+        let contact = from_ground_contact(elevation_rad[0], foot_sigma_rad, height_m, view.tilt_sigma_rad);
+        let (ahead_m, step_m) = if known.person { FOOT_AHEAD_M } else { (0.0, 0.0) };
+        let axis = |r: Range| Range { range_m: r.range_m + ahead_m, sigma_m: r.sigma_m.hypot(step_m) };
+        match contact.map(axis) {
             Some(found) if !known.person || is_a_body(&found, height_m.0, &elevation_rad, ends[1], known) => {
                 range = Some(found);
             }
@@ -91,6 +102,15 @@ pub(super) fn measure(scene: &Scene<'_>, view: &View, axis: f64, rows: [usize; 2
     if let Some(range) = &mut range {
         // Gait and shoes.
         range.sigma_m = range.sigma_m.hypot(LEAST_SPREAD * range.range_m);
+    }
+    let away_m = range.map(|r| r.range_m).or(known.figure_m).filter(|_| known.person);
+    let mut sigma_rad = TOP_SIGMA_ROWS.hypot(0.01 * (bottom - top)) * step;
+    if let (Some(m), Some((camera_m, _))) = (away_m, view.height_m) {
+        let top_m = camera_m + m * elevation_rad[1].tan();
+        if ends[1] == ElevationEnd::Seen && (!known.head || top_m < LEAST_TOP_M) {
+            ends[1] = ElevationEnd::Hidden;
+        }
+        sigma_rad = sigma_rad.hypot(HEAD_M * elevation_rad[1].cos().powi(2) / m.max(0.3));
     }
     Extent { elevation_rad, sigma_rad, ends, range }
 }
@@ -113,4 +133,50 @@ fn tested_rows(scene: &Scene<'_>, axis: f64) -> [usize; 2] {
     let first = (0..scene.raster.height).find(tested).unwrap_or(0);
     let last = (0..scene.raster.height).rev().find(tested).unwrap_or(scene.raster.height - 1);
     [first, last]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::motion::Raster;
+    use crate::optics::MountedCamera;
+    use crate::panorama::PanoramaGeometry;
+
+    /// The ends of a person of 1.75 m at 4 m, the lower one that of a foot 0.17 m before the axis; the top lowered by some metres.
+    fn person(lost_m: f64, head: bool) -> Extent {
+        let camera = MountedCamera::reference(0.6);
+        let geometry = PanoramaGeometry::for_camera(&camera).unwrap();
+        let raster = Raster { width: geometry.width() as usize, height: geometry.height() as usize, wraps: true };
+        let view = View::panorama(geometry, &camera);
+        let row = |height_m: f64, range_m: f64| {
+            view.row_of_elevation(((height_m - 0.6) / range_m).atan()).unwrap().round() as usize
+        };
+        let rows = [row(1.75 - lost_m, 4.0), row(0.0, 4.0 - 0.17)];
+        let (picture, valid) = (vec![0; raster.len()], vec![1; raster.len()]);
+        let scene = Scene {
+            raster: &raster,
+            picture: &picture,
+            mask: &picture,
+            magnitude: &picture,
+            valid: &valid,
+            objects: &[],
+        };
+        let known = Known { width_rad: 0.1, shared: false, person: true, figure_m: Some(4.1), feet: true, head };
+        measure(&scene, &view, 100.0, rows, &known)
+    }
+
+    #[test]
+    fn a_range_from_feet_is_to_the_body_s_axis() {
+        let extent = person(0.0, true);
+        assert_eq!(extent.ends, [ElevationEnd::Seen; 2]);
+        let range = extent.range.unwrap();
+        assert!((range.range_m - 4.0).abs() < range.sigma_m / 2.0, "{range:?}");
+    }
+
+    #[test]
+    fn a_top_without_a_head_is_a_bound() {
+        for (lost_m, head) in [(0.0, false), (0.2, false), (0.45, true)] {
+            assert_eq!(person(lost_m, head).ends[1], ElevationEnd::Hidden, "{lost_m} m lost");
+        }
+    }
 }

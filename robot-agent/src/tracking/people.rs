@@ -1,7 +1,7 @@
 //! Following people by the figures they make (see [`super::figures`]): tracks predict them, the frame places them.
 
 use protocol::id::TrackId;
-use protocol::message::TrackState;
+use protocol::message::{ElevationEnd, TrackState};
 use protocol::time::Timestamp;
 
 use super::body::solid_rows;
@@ -35,8 +35,14 @@ const OUT_LOG_RANGE: f64 = 0.5;
 const MOST_ELSEWHERE: f32 = 0.5;
 const LEAST_ALIKE: f64 = -1.0;
 
+/// Breadth of the trunk.
+const SHOULDERS_M: f64 = 0.42;
+
 /// Middle column, half width in columns and first row of a fellow robot.
 pub(super) type Robot = (f64, f64, usize);
+
+/// Hair and faces differ less from a wall than clothes: share of the typical row's change that the top row must have.
+const SOLID_HEAD: f64 = 0.25;
 
 /// How somebody appears in a frame.
 struct Look {
@@ -173,18 +179,19 @@ impl Tracker {
         }
         let alone = figure.own >= ALONE;
         let axis = if alone { axis } else { figure.column };
-        let trunk_width = (0.42 / figure.range_m).atan() / step;
+        let trunk_width = (SHOULDERS_M / figure.range_m).atan() / step;
         let behind =
             |(column, half, _): &Robot| self.raster.column_difference(axis, *column).abs() < half + 0.3 * trunk_width;
         let sighting = Sighting {
             axis,
             axis_sigma: axis_sigma_m(figure).hypot(0.3 * step * figure.range_m) / figure.range_m / step,
             arc: region.arc,
-            rows: solid_rows(region, scene, 0..region.arc.width),
+            rows: solid_rows(region, scene, 0..region.arc.width, SOLID_HEAD),
             range_m: figure.range_m,
             trunk_width,
             support: f64::from(figure.support),
             feet_hidden: robots.iter().any(behind),
+            head: self.has_head(region, figure.range_m, step),
             alone,
             apart: figure.apart >= ALONE,
             moves: moves as f64 > MOVING * region.area as f64,
@@ -194,11 +201,63 @@ impl Tracker {
     }
 }
 
-/// Lateral error of an axis, metres: gait, arms and clothes; more where others cover a part.
+impl Tracker {
+    /// Whether a region is as narrow at its top as a head: what begins as broad as shoulders has lost it in what is behind.
+    fn has_head(&self, region: &Region, range_m: f64, column_rad: f64) -> bool {
+        let top = region.rows[0];
+        let row_rad = self.view.steps_rad(region.centroid[0], top as f64)[1];
+        let rows = ((HEAD_ROWS_M / range_m / row_rad) as usize).max(2);
+        let columns: usize = region.spans().take_while(|(row, ..)| *row < top + rows).map(|(_, _, len)| len).sum();
+        columns as f64 / rows as f64 * column_rad * range_m < MOST_HEAD_M
+    }
+}
+
+/// Of so much from the top on, metres, …
+const HEAD_ROWS_M: f64 = 0.15;
+/// … the mean breadth of a head is below this and that of shoulders above it, metres.
+const MOST_HEAD_M: f64 = 0.28;
+
+/// Lateral error of an axis in the company of others, metres: their marks may be taken for his.
+const IN_COMPANY_M: f64 = 0.045;
+/// The same of somebody who has long been alone: gait and clothes; of less than a whole body the swinging arms say more.
+const ALONE_M: f64 = 0.0135;
+const ALONE_CUT_M: f64 = 0.02;
+/// How long it takes to be alone: what was learnt of him among others wears off, seconds.
+const ALONE_S: f64 = 4.0;
+/// Somebody within this angle of his box is company, radians.
+const COMPANY_RAD: f64 = 0.1;
+
+impl Tracker {
+    /// How long each of the tracks has been alone.
+    pub(super) fn note_company(&mut self, dt_s: f64) {
+        let places: Vec<_> = self.tracks.iter().map(|t| (t.state, t.predicted_arc(&self.raster))).collect();
+        let step = self.view.steps_rad(0.0, self.raster.height as f64 / 2.0)[0];
+        let margin = (COMPANY_RAD / step) as usize;
+        for (t, track) in self.tracks.iter_mut().enumerate() {
+            let (state, arc) = (places[t].0, places[t].1.grown(margin, &self.raster));
+            let near = |o: usize| o != t && arc.overlap(&places[o].1, &self.raster) > 0;
+            let company = state != TrackState::Visible || track.feet_hidden || (0..places.len()).any(near);
+            track.alone_s = if company { 0.0 } else { track.alone_s + dt_s };
+        }
+    }
+}
+
+impl super::Track {
+    /// Sigma of the axis to be told, columns: who has been alone for long is not taken for others.
+    pub(super) fn told_sigma(&self) -> f64 {
+        let column_m = SHOULDERS_M / self.trunk_width.max(1.0);
+        let whole = self.extent.is_some_and(|e| e.ends != [ElevationEnd::Cut; 2]);
+        let alone_m = if whole { ALONE_M } else { ALONE_CUT_M };
+        let now_m = alone_m.hypot(IN_COMPANY_M * (-self.alone_s / ALONE_S).exp()).min(IN_COMPANY_M);
+        let less = (IN_COMPANY_M.powi(2) - now_m.powi(2)) / column_m.powi(2);
+        (self.axis_sigma.powi(2) - less).max((now_m / column_m).powi(2)).sqrt()
+    }
+}
+
+/// Lateral error of an axis, metres; more where others cover a part.
 fn axis_sigma_m(figure: &Figure) -> f64 {
-    const ALONE_M: f64 = 0.045;
     const COVERED_M: f64 = 0.2;
-    ALONE_M.hypot(COVERED_M * f64::from(1.0 - figure.own.min(1.0)))
+    IN_COMPANY_M.hypot(COVERED_M * f64::from(1.0 - figure.own.min(1.0)))
 }
 
 const MOVES: u8 = 1;

@@ -83,6 +83,10 @@ pub(super) struct Track {
     pub(super) support: f64,
     /// A fellow robot may stand before its feet.
     pub(super) feet_hidden: bool,
+    /// Its upper end is as narrow as a head.
+    pub(super) head: bool,
+    /// For how long nobody else has been near, seconds.
+    pub(super) alone_s: f64,
     /// Logarithm of the distance in metres that its figure has, and its sigma.
     pub(super) log_range: f64,
     pub(super) log_range_sigma: f64,
@@ -111,6 +115,8 @@ pub(super) struct Sighting {
     pub(super) support: f64,
     /// A fellow robot may stand before the feet.
     pub(super) feet_hidden: bool,
+    /// The upper end is as narrow as a head.
+    pub(super) head: bool,
     pub(super) appearance: Appearance,
 }
 
@@ -145,6 +151,7 @@ impl Track {
             moves: true,
             support: 1.0,
             feet_hidden: false,
+            head: true,
             appearance: Appearance::default(),
         };
         Self {
@@ -194,6 +201,8 @@ impl Track {
             announced: false,
             support: s.support,
             feet_hidden: s.feet_hidden,
+            head: s.head,
+            alone_s: 0.0,
             log_range: s.range_m.ln(),
             log_range_sigma: 0.3,
             figure_shape: FigureShape::default(),
@@ -278,7 +287,7 @@ impl Track {
             self.looks.doubt();
         }
         self.state = if s.alone { TrackState::Visible } else { TrackState::Merged };
-        (self.support, self.feet_hidden) = (s.support, s.feet_hidden);
+        (self.support, self.feet_hidden, self.head) = (s.support, s.feet_hidden, s.head);
         self.supported = now;
         let aside = raster.column_difference(self.axis, self.born_at).abs();
         self.travelled = self.travelled.max(aside);
