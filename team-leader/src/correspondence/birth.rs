@@ -257,6 +257,9 @@ impl Follower {
         let set: Vec<(&Memory, Pose2)> = members.iter().map(|(m, pose)| (m, *pose)).collect();
         let (proposal, newborn) = self.best_birth(tracks, context)?;
         let state = proposal.last_state(newborn.id)?;
+        if self.is_double(newborn.id, state) {
+            return None;
+        }
         let position = state.target.position();
         let top = Self::top_of(&set, position);
         let looks = Self::looks_of(&set);
@@ -395,5 +398,37 @@ impl Follower {
         let newest = self.newest;
         self.vacated.retain(|(_, at)| newest.seconds_since(*at) < VACATED.0);
         self.vacated.truncate(64);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use protocol::appearance::{Appearance, BANDS, Band};
+
+    use super::*;
+    use crate::leader::config::TargetConfig;
+
+    #[test]
+    fn who_was_lost_and_comes_back_is_known_by_what_he_looked_like() {
+        let config = TargetConfig::default();
+        let (place, now) = (Vector2::new(1.0, 2.0), Timestamp::from_secs_f64(1000.0));
+        let clothes = Appearance([Some(Band::of(40.0, 5.0)); BANDS]);
+        let somebody = |id| {
+            let target = Target::new(place, now, config.acceleration_m2ps3, config.person_height_m);
+            let (trail, past, looks) = (Default::default(), Past::default(), Looks::default());
+            Followed { id, state: State::new(target, now), trail, past, looks }
+        };
+        let mut follower = Follower::new(config);
+        follower.newest = now;
+        let mut lost = somebody(TargetId(7));
+        lost.looks.see(0, &clothes);
+        lost.past.keep(now, place, Vector2::zeros());
+        follower.remember_departed(lost);
+        follower.targets.push(somebody(TargetId(u32::MAX)));
+        let name = follower.recognise(place, None, &[clothes], |_| false);
+        follower.rename(TargetId(u32::MAX), name);
+        assert_eq!(follower.targets.iter().map(|f| f.id).collect::<Vec<_>>(), [TargetId(7)]);
+        assert!(follower.targets[0].looks.resemblance(&clothes) > 1.0, "his looks are known again");
+        assert!(follower.departed.is_empty());
     }
 }

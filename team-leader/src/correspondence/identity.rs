@@ -151,7 +151,6 @@ impl Follower {
             .filter(|(nats, _)| *nats > 0.0)
             .max_by(|x, y| x.0.total_cmp(&y.0));
         if let Some((_, id)) = found {
-            self.departed.retain(|d| d.id != id);
             return id;
         }
         self.next_id += 1;

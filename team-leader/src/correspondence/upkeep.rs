@@ -1,5 +1,8 @@
 //! What ends a target: silence, a place that nobody knows any more, a double.
 
+use protocol::id::TargetId;
+
+use super::state::State;
 use super::{Followed, Follower, OBSERVED_S};
 use crate::calibration::live::Calibrator;
 
@@ -44,21 +47,19 @@ impl Follower {
 
     /// Targets that stand where another stands and have nothing of their own.
     fn doubles(&self) -> Vec<usize> {
+        (0..self.targets.len()).filter(|&t| self.is_double(self.targets[t].id, &self.targets[t].state)).collect()
+    }
+
+    /// Whether a target in this state would stand where another stands, which more robots see.
+    pub(super) fn is_double(&self, id: TargetId, state: &State) -> bool {
         let newest = self.newest;
-        let current =
-            |f: &Followed| f.state.observers.iter().filter(|(_, at)| newest.seconds_since(*at) < OBSERVED_S).count();
-        let mut doubles = Vec::new();
-        for (t, f) in self.targets.iter().enumerate() {
-            let twin = self.targets.iter().enumerate().any(|(o, g)| {
-                o != t
-                    && (g.state.target.position() - f.state.target.position()).norm() < DOUBLE_M
-                    && current(f) <= 1
-                    && (current(g) > current(f) || (current(g) == current(f) && g.id < f.id))
-            });
-            if twin {
-                doubles.push(t);
-            }
-        }
-        doubles
+        let current = |s: &State| s.observers.iter().filter(|(_, at)| newest.seconds_since(*at) < OBSERVED_S).count();
+        let own = current(state);
+        own <= 1
+            && self.targets.iter().filter(|g| g.id != id).any(|g| {
+                let theirs = current(&g.state);
+                (g.state.target.position() - state.target.position()).norm() < DOUBLE_M
+                    && (theirs > own || (theirs == own && g.id < id))
+            })
     }
 }
