@@ -1,7 +1,7 @@
 //! Following people by the figures they make (see [`super::figures`]): tracks predict them, the frame places them.
 
 use protocol::id::TrackId;
-use protocol::message::{ElevationEnd, TrackState};
+use protocol::message::TrackState;
 use protocol::time::Timestamp;
 
 use super::body::solid_rows;
@@ -219,9 +219,9 @@ const MOST_HEAD_M: f64 = 0.28;
 
 /// Lateral error of an axis in the company of others, metres: their marks may be taken for his.
 const IN_COMPANY_M: f64 = 0.045;
-/// The same of somebody who has long been alone: gait and clothes; of less than a whole body the swinging arms say more.
-const ALONE_M: f64 = 0.0135;
-const ALONE_CUT_M: f64 = 0.02;
+/// The same of somebody who has long been alone: gait and clothes, and shelves and chairs that look like a part of them (in a
+/// bare room it is half of that).
+const ALONE_M: f64 = 0.03;
 /// How long it takes to be alone: what was learnt of him among others wears off, seconds.
 const ALONE_S: f64 = 4.0;
 /// Somebody within this angle of his box is company, radians.
@@ -246,9 +246,7 @@ impl super::Track {
     /// Sigma of the axis to be told, columns: who has been alone for long is not taken for others.
     pub(super) fn told_sigma(&self) -> f64 {
         let column_m = SHOULDERS_M / self.trunk_width.max(1.0);
-        let whole = self.extent.is_some_and(|e| e.ends != [ElevationEnd::Cut; 2]);
-        let alone_m = if whole { ALONE_M } else { ALONE_CUT_M };
-        let now_m = alone_m.hypot(IN_COMPANY_M * (-self.alone_s / ALONE_S).exp()).min(IN_COMPANY_M);
+        let now_m = ALONE_M.hypot(IN_COMPANY_M * (-self.alone_s / ALONE_S).exp()).min(IN_COMPANY_M);
         let less = (IN_COMPANY_M.powi(2) - now_m.powi(2)) / column_m.powi(2);
         (self.axis_sigma.powi(2) - less).max((now_m / column_m).powi(2)).sqrt()
     }
