@@ -102,7 +102,9 @@ impl Search {
         let mut levels = Vec::new();
         let mut range_m = RANGE_M[0].max(look.radius_m * 1.5);
         while range_m < RANGE_M[1] {
-            if let Some(bands) = bands(&grid, look, camera_height_m, lowest, range_m) {
+            // Strips lie anywhere on the front: on average a little behind the nearest line.
+            let distance_m = range_m - 0.92 * look.radius_m;
+            if let Some(bands) = bands(&grid, &look.edges_m, &look.reflectance, camera_height_m, lowest, distance_m) {
                 let half_columns = (look.radius_m / range_m).asin() / TAU * grid.width as f64;
                 levels.push(Level { range_m, bands, half_columns });
             }
@@ -143,7 +145,7 @@ impl Search {
 
     fn pick(&self) -> Vec<Candidate> {
         let width = self.grid.width;
-        let mut peaks: Vec<(f32, usize, usize)> = Vec::new();
+        let mut peaks: Vec<Peak> = Vec::new();
         for l in 0..self.levels.len() {
             for u in 0..width {
                 let s = self.support[l * width + u];
@@ -159,27 +161,13 @@ impl Search {
                 }
             }
         }
-        peaks.sort_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)).then(a.2.cmp(&b.2)));
-        let mut picked: Vec<(usize, usize)> = Vec::new();
-        let mut candidates = Vec::new();
-        for (s, l, u) in peaks {
-            let level = &self.levels[l];
-            let taken = picked.iter().any(|(pl, pu)| {
-                let apart = (u + width - pu) % width;
-                let apart = apart.min(width - apart) as f64;
-                let ratio = self.levels[*pl].range_m / level.range_m;
-                apart < 0.6 * level.half_columns.min(self.levels[*pl].half_columns) && (0.8..1.25).contains(&ratio)
-            });
-            if taken {
-                continue;
-            }
-            picked.push((l, u));
-            candidates.push(self.candidate(l, u, s));
-            if candidates.len() == if self.is_barred { MAX_BARRED_CANDIDATES } else { MAX_CANDIDATES } {
-                break;
-            }
-        }
-        candidates
+        let most = if self.is_barred { MAX_BARRED_CANDIDATES } else { MAX_CANDIDATES };
+        let near = |l: usize, other: usize, apart: f64| {
+            let (level, other) = (&self.levels[l], &self.levels[other]);
+            let ratio = other.range_m / level.range_m;
+            apart < 0.6 * level.half_columns.min(other.half_columns) && (0.8..1.25).contains(&ratio)
+        };
+        strongest(peaks, width, most, near).into_iter().map(|(s, l, u)| self.candidate(l, u, s)).collect()
     }
 
     fn candidate(&self, l: usize, u: usize, support: f32) -> Candidate {
@@ -202,16 +190,52 @@ impl Search {
     }
 }
 
-/// The rows in which each ring appears at a range, middle of the body; `None` where fewer than two different rings are in view.
-fn bands(grid: &Grid, look: &CylinderLook, camera_height_m: f64, lowest: f64, range_m: f64) -> Option<Vec<Band>> {
-    // Strips lie anywhere on the front: on average a little behind the nearest line.
-    let distance = range_m - 0.92 * look.radius_m;
+/// A place of the panorama that may show something: its support, level of distance and column.
+pub(super) type Peak = (f32, usize, usize);
+
+/// The strongest peaks, at most `most`, none near a stronger one: `near` of a peak's level, that of the stronger one, and how many
+/// columns they are apart round a panorama of `width` columns.
+pub(super) fn strongest(
+    mut peaks: Vec<Peak>,
+    width: usize,
+    most: usize,
+    near: impl Fn(usize, usize, f64) -> bool,
+) -> Vec<Peak> {
+    peaks.sort_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)).then(a.2.cmp(&b.2)));
+    let mut picked: Vec<Peak> = Vec::new();
+    for (support, l, u) in peaks {
+        let is_near = |(_, level, column): &Peak| {
+            let apart = (u + width - column) % width;
+            near(l, *level, apart.min(width - apart) as f64)
+        };
+        if picked.iter().any(is_near) {
+            continue;
+        }
+        picked.push((support, l, u));
+        if picked.len() == most {
+            break;
+        }
+    }
+    picked
+}
+
+/// The rows in which rings or stripes appear at a distance along the floor, metres, from their edges' heights (one more than
+/// there are of them, from the bottom up) and reflectances; `None` where too few are in view. `lowest` is the tangent of the lowest
+/// elevation that the camera sees.
+pub(super) fn bands(
+    grid: &Grid,
+    edges_m: &[f64],
+    reflectance: &[f64],
+    camera_height_m: f64,
+    lowest: f64,
+    distance_m: f64,
+) -> Option<Vec<Band>> {
     let [top, bottom] = grid.tangents;
     let row = |tangent: f64| (top - tangent) / (top - bottom) * grid.height as f64;
     let mut bands = Vec::new();
-    for (k, reflectance) in look.reflectance.iter().enumerate() {
-        let upper = row((look.edges_m[k + 1] - camera_height_m) / distance) + TRIM_ROWS;
-        let lower = row(((look.edges_m[k] - camera_height_m) / distance).max(lowest)) - TRIM_ROWS;
+    for (edges, reflectance) in edges_m.windows(2).zip(reflectance) {
+        let upper = row((edges[1] - camera_height_m) / distance_m) + TRIM_ROWS;
+        let lower = row(((edges[0] - camera_height_m) / distance_m).max(lowest)) - TRIM_ROWS;
         let from = upper.ceil().max(0.0) as usize;
         let to = (lower.floor().max(0.0) as usize).min(grid.height);
         if from < to {

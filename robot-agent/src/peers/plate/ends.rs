@@ -29,6 +29,13 @@ const RIM_FLOOR_M: f64 = 2e-3;
 const BESIDE_PX: f64 = 9.0;
 
 impl PlateFinder {
+    /// A pixel so far inside of an end, of the paint `ring` or, on the back, of its negative.
+    fn pixel(&self, fit: &PlaneFit, sample: &Sample, inside_rad: f64, px_per_rad: f64, ring: f64) -> Pixel {
+        let middle = self.pillar.middle_reflectance();
+        let ring = middle + fit.sign * (ring - middle);
+        Pixel { gray: sample.gray, row: 0, inside_rad, px_per_rad, half_px: BESIDE_PX, ring }
+    }
+
     /// How much further up the plate goes than it should.
     pub(super) fn end(&self, samples: &[Sample], fit: &PlaneFit) -> Option<EdgeFit> {
         let look = &self.pillar;
@@ -49,17 +56,9 @@ impl PlateFinder {
                 continue;
             }
             let px_per_rad = f64::from(sample.ray.px_per_elevation);
-            let middle = look.middle_reflectance();
             let paint = height.min(look.high_m() - 2.0 * BLUR_PX * m_per_px);
             let ring = rings::profile(look, &look.reflectance, paint, BLUR_PX * m_per_px, &mut by_ring);
-            pixels.push(Pixel {
-                gray: sample.gray,
-                row: 0,
-                inside_rad: inside_px / px_per_rad,
-                px_per_rad,
-                half_px: BESIDE_PX,
-                ring: middle + fit.sign * (ring - middle),
-            });
+            pixels.push(self.pixel(fit, sample, inside_px / px_per_rad, px_per_rad, ring));
             places.push(along * f64::from(sample.ray.px_per_bearing));
         }
         edges::fit_rows(pixels, &places, (fit.noise, BLUR_PX), &[-1.5, 0.0, 1.5])
@@ -118,10 +117,10 @@ impl PlateFinder {
     pub(super) fn has_further_stripe(&self, samples: &[Sample], fit: &PlaneFit, ends: [f64; 2]) -> bool {
         let edges = &self.pillar.edges_m;
         let n = edges.len();
+        let Some(scale) = samples.first().map(|s| f64::from(s.ray.px_per_bearing)) else { return false };
+        let count = ((difference(ends[1], ends[0]) * scale) as usize).max(1);
         [[edges[n - 1], edges[n - 2], edges[n - 3]], [edges[0], edges[1], edges[2]]].iter().any(
             |[end, next, second]| {
-                let Some(scale) = samples.first().map(|s| f64::from(s.ray.px_per_bearing)) else { return false };
-                let count = ((difference(ends[1], ends[0]) * scale) as usize).max(1);
                 let high = end - next;
                 // By column: the last stripe, the second last, where a further one would be, and what is beyond that.
                 let mut columns = vec![[[0.0f64; 2]; 4]; count];
@@ -192,16 +191,8 @@ impl PlateFinder {
             if height < look.low_m() + 2.0 * blur_m || height > look.high_m() - 2.0 * blur_m {
                 continue;
             }
-            let middle = look.middle_reflectance();
             let ring = rings::profile(look, &look.reflectance, height, blur_m, &mut by_ring);
-            pixels.push(Pixel {
-                gray: sample.gray,
-                row: 0,
-                inside_rad,
-                px_per_rad,
-                half_px: BESIDE_PX,
-                ring: middle + fit.sign * (ring - middle),
-            });
+            pixels.push(self.pixel(fit, sample, inside_rad, px_per_rad, ring));
             places.push(sample.ray.elevation_px());
         }
         let edge = edges::fit_rows(pixels, &places, (fit.noise, BLUR_PX), &[-3.0, -1.5, 0.0, 1.5, 3.0])?;

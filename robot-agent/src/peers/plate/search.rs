@@ -9,7 +9,7 @@ use std::f64::consts::TAU;
 
 use super::super::kernel::{self, Band};
 use super::super::look::PlateLook;
-use super::super::search::Grid;
+use super::super::search::{Grid, Peak, bands, strongest};
 
 /// Nearest and farthest distance along a column, metres, and the step between distances.
 const DISTANCE_M: [f64; 2] = [0.35, 6.5];
@@ -29,8 +29,6 @@ const LEAST_SUPPORT: f32 = 0.4;
 const LEAST_GAIN: f32 = 12.0;
 /// Sensor noise and rounding in the panorama, squared grey levels.
 const NOISE2: f32 = 2.0;
-/// Rows at an edge that the blur mixes.
-const TRIM_ROWS: f64 = 0.6;
 /// Most candidates of one picture.
 const MAX_CANDIDATES: usize = 16;
 
@@ -72,7 +70,7 @@ impl PlateSearch {
         let mut levels = Vec::new();
         let mut distance_m = DISTANCE_M[0];
         while distance_m < DISTANCE_M[1] {
-            if let Some(bands) = bands(&grid, look, camera_height_m, lowest, distance_m) {
+            if let Some(bands) = bands(&grid, &look.edges_m, &look.reflectance, camera_height_m, lowest, distance_m) {
                 let half_m = 0.5 * look.width_m;
                 let places = TURNS.iter().map(|turn| path(&grid, distance_m, half_m, *turn)).collect();
                 let half_columns = (half_m / distance_m).atan() / TAU * grid.width as f64;
@@ -151,7 +149,7 @@ impl PlateSearch {
 
     fn pick(&self) -> Vec<PlateCandidate> {
         let Grid { width, seam_rad, .. } = self.grid;
-        let mut peaks: Vec<(f32, usize, usize)> = Vec::new();
+        let mut peaks: Vec<Peak> = Vec::new();
         for l in 0..self.levels.len() {
             for u in (0..width).step_by(HOP) {
                 let (support, _) = self.support[l * width + u];
@@ -160,32 +158,17 @@ impl PlateSearch {
                 }
             }
         }
-        peaks.sort_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)).then(a.2.cmp(&b.2)));
-        let mut picked: Vec<(usize, usize)> = Vec::new();
-        let mut candidates = Vec::new();
-        for (_, l, u) in peaks {
-            let level = &self.levels[l];
-            let is_near = |(pl, pu): &(usize, usize)| {
-                let apart = (u + width - pu) % width;
-                let apart = apart.min(width - apart) as f64;
-                let other = &self.levels[*pl];
-                let ratio = other.distance_m / level.distance_m;
-                apart < 0.6 * level.half_columns.max(other.half_columns) && (0.85..1.18).contains(&ratio)
-            };
-            if picked.iter().any(is_near) {
-                continue;
-            }
-            picked.push((l, u));
-            candidates.push(PlateCandidate {
-                bearing_rad: protocol::angle::wrap(seam_rad - TAU * (u as f64 + 0.5) / width as f64),
-                distance_m: level.distance_m,
-                turn_rad: TURNS[usize::from(self.support[l * width + u].1)],
-            });
-            if candidates.len() == MAX_CANDIDATES {
-                break;
-            }
-        }
-        candidates
+        let near = |l: usize, other: usize, apart: f64| {
+            let (level, other) = (&self.levels[l], &self.levels[other]);
+            let ratio = other.distance_m / level.distance_m;
+            apart < 0.6 * level.half_columns.max(other.half_columns) && (0.85..1.18).contains(&ratio)
+        };
+        let candidate = |(_, l, u): Peak| PlateCandidate {
+            bearing_rad: protocol::angle::wrap(seam_rad - TAU * (u as f64 + 0.5) / width as f64),
+            distance_m: self.levels[l].distance_m,
+            turn_rad: TURNS[usize::from(self.support[l * width + u].1)],
+        };
+        strongest(peaks, width, MAX_CANDIDATES, near).into_iter().map(candidate).collect()
     }
 }
 
@@ -198,23 +181,6 @@ fn path(grid: &Grid, distance_m: f64, half_m: f64, turn: f64) -> [(i32, i32); PL
         let level = (ahead.hypot(aside) / distance_m).ln() / STEP.ln();
         (column.round() as i32, level.round() as i32)
     })
-}
-
-/// The rows in which each stripe appears at a distance; `None` where fewer than two are in view.
-fn bands(grid: &Grid, look: &PlateLook, camera_height_m: f64, lowest: f64, distance_m: f64) -> Option<Vec<Band>> {
-    let [top, bottom] = grid.tangents;
-    let row = |tangent: f64| (top - tangent) / (top - bottom) * grid.height as f64;
-    let stripe = |k: usize| {
-        let upper = row((look.edges_m[k + 1] - camera_height_m) / distance_m) + TRIM_ROWS;
-        let lower = row(((look.edges_m[k] - camera_height_m) / distance_m).max(lowest)) - TRIM_ROWS;
-        let from = upper.ceil().max(0.0) as usize;
-        let to = (lower.floor().max(0.0) as usize).min(grid.height);
-        (from < to).then_some(Band { rows: [from, to], reflectance: look.reflectance[k] as f32 })
-    };
-    let bands: Vec<Band> = (0..look.reflectance.len()).filter_map(stripe).collect();
-    let rows: usize = bands.iter().map(|b| b.rows[1] - b.rows[0]).sum();
-    let (low, high) = bands.iter().fold((f32::MAX, f32::MIN), |(l, h), b| (l.min(b.reflectance), h.max(b.reflectance)));
-    (rows >= 4 && high - low > 0.05).then_some(bands)
 }
 
 #[cfg(test)]
