@@ -74,11 +74,13 @@ pub enum Kind {
     Candidacy = 14,
     /// [`crate::message::Recent`].
     Recent = 15,
+    /// [`crate::message::Surroundings`].
+    Surroundings = 16,
 }
 
 impl Kind {
     /// All kinds, in the order of their numbers.
-    pub const ALL: [Self; 15] = [
+    pub const ALL: [Self; 16] = [
         Self::Announcement,
         Self::Observation,
         Self::Alarm,
@@ -94,6 +96,7 @@ impl Kind {
         Self::ReplayStart,
         Self::Candidacy,
         Self::Recent,
+        Self::Surroundings,
     ];
 
     /// The kind of that number.
@@ -119,6 +122,7 @@ impl Kind {
             Self::ReplayStart => "replay start",
             Self::Candidacy => "candidacy",
             Self::Recent => "recent observations",
+            Self::Surroundings => "surroundings",
         }
     }
 
@@ -130,7 +134,7 @@ impl Kind {
             Self::Observation | Self::Recent => 16 << 10,
             Self::Alarm => 512,
             Self::Command | Self::Guidance => 256,
-            Self::CommandReply => 1 << 10,
+            Self::CommandReply | Self::Surroundings => 1 << 10,
             Self::ClockProbe | Self::ClockReply | Self::ReplayStart | Self::Candidacy => 64,
             Self::TeamMap | Self::Picture => 4 << 20,
             Self::MapJson => 16 << 20,

@@ -7,6 +7,7 @@
 //! pal/{team}/map
 //! pal/{team}/map/json
 //! pal/{team}/guidance/{robot}
+//! pal/{team}/surroundings/{robot}
 //! pal/{team}/replay_start
 //! ```
 //! A [`Key`] is one such key; a [`Pattern`] is a key or all of its like, with `*` for the robot or the leader.
@@ -46,6 +47,8 @@ pub enum Topic {
     MapJson,
     /// Where this robot should go.
     Guidance(RobotId),
+    /// Who is round this robot.
+    Surroundings(RobotId),
     /// Queryable: when recordings begin.
     ReplayStart,
 }
@@ -126,6 +129,11 @@ impl Key {
         Self { team, topic: Topic::Guidance(robot) }
     }
 
+    /// Who is round a robot.
+    pub fn surroundings(team: TeamId, robot: RobotId) -> Self {
+        Self { team, topic: Topic::Surroundings(robot) }
+    }
+
     /// When recordings begin.
     pub fn replay_start(team: TeamId) -> Self {
         Self { team, topic: Topic::ReplayStart }
@@ -134,7 +142,7 @@ impl Key {
     /// The robot whose key it is.
     pub fn robot_id(&self) -> Option<RobotId> {
         match self.topic {
-            Topic::Robot(robot, _) | Topic::Guidance(robot) => Some(robot),
+            Topic::Robot(robot, _) | Topic::Guidance(robot) | Topic::Surroundings(robot) => Some(robot),
             _ => None,
         }
     }
@@ -148,6 +156,7 @@ impl Key {
             Topic::Map => Some(Kind::TeamMap),
             Topic::MapJson => Some(Kind::MapJson),
             Topic::Guidance(_) => Some(Kind::Guidance),
+            Topic::Surroundings(_) => Some(Kind::Surroundings),
             Topic::ReplayStart => Some(Kind::ClockProbe),
         }
     }
@@ -208,6 +217,7 @@ impl fmt::Display for Key {
             Topic::Map => write!(f, "{ROOT}/{team}/map"),
             Topic::MapJson => write!(f, "{ROOT}/{team}/map/json"),
             Topic::Guidance(robot) => write!(f, "{ROOT}/{team}/guidance/{robot}"),
+            Topic::Surroundings(robot) => write!(f, "{ROOT}/{team}/surroundings/{robot}"),
             Topic::ReplayStart => write!(f, "{ROOT}/{team}/replay_start"),
         }
     }
@@ -236,6 +246,7 @@ impl FromStr for Key {
             ["map"] => Topic::Map,
             ["map", "json"] => Topic::MapJson,
             ["guidance", robot] => Topic::Guidance(RobotId::new(robot).map_err(name)?),
+            ["surroundings", robot] => Topic::Surroundings(RobotId::new(robot).map_err(name)?),
             ["replay_start"] => Topic::ReplayStart,
             _ => return Err(unknown()),
         };
@@ -338,6 +349,7 @@ mod tests {
             "pal/blue/map",
             "pal/blue/map/json",
             "pal/blue/guidance/r1",
+            "pal/blue/surroundings/r1",
             "pal/blue/replay_start",
         ];
         let written: Vec<String> = every_key().iter().map(ToString::to_string).collect();
@@ -420,6 +432,7 @@ mod tests {
             Key::map(team),
             Key::map_json(team),
             Key::guidance(team, robot),
+            Key::surroundings(team, robot),
             Key::replay_start(team),
         ]);
         keys

@@ -15,6 +15,7 @@ pub mod recent;
 pub mod replay;
 #[cfg(test)]
 pub(crate) mod samples;
+pub mod surroundings;
 
 pub use alarm::{Alarm, AlarmKind};
 pub use announcement::{Announcement, CameraSummary};
@@ -31,3 +32,4 @@ pub use observation::{
 pub use picture::PictureKind;
 pub use recent::Recent;
 pub use replay::ReplayStart;
+pub use surroundings::{Neighbour, Surroundings};

@@ -12,6 +12,7 @@ mod duties;
 mod event;
 mod pipeline;
 mod settings;
+mod surroundings;
 mod team;
 
 use protocol::message::{Alarm, AlarmKind, Announcement, CameraSummary, Observation, Stages};
@@ -24,6 +25,7 @@ use crate::optics::MountedCamera;
 use budget::Budget;
 use duties::Duties;
 use pipeline::Pipeline;
+use surroundings::Around;
 use team::Team;
 
 /// A frame whose capture time is further behind the last one than this means that the clock was set, not that it came late.
@@ -56,6 +58,7 @@ pub struct Agent {
     /// To be told at the start.
     problems: Vec<String>,
     team: Team,
+    around: Around,
     duties: Duties,
     budget: Budget,
     work: Option<Work>,
@@ -88,6 +91,7 @@ impl Agent {
             pipeline,
             problems,
             team: Team::new(settings.robot),
+            around: Around::default(),
             duties: Duties::default(),
             budget: Budget::new(settings.max_bytes_per_s),
             work: None,
@@ -126,6 +130,7 @@ impl Agent {
             Input::BadFrame(what) => self.refuse_frame(format!("{what}; the frame is skipped"), out),
             Input::CaptureEnded => self.duties.capture_ended(),
             Input::Announcement(announcement) => self.meet(&announcement, out),
+            Input::Surroundings(said) => self.around.take(now, self.epoch, said),
             Input::ClockProbe(token, probe) => out.push(self.answer_probe(now, token, probe)),
             Input::Command(token, command) => {
                 let reply = self.obey(&command);
@@ -168,6 +173,7 @@ impl Agent {
         self.duties.frame_came(now);
         self.last_capture = Some(frame.capture);
         self.work = Some(Work { begun: now, capture: frame.capture });
+        self.pipeline.expect(self.around.at(frame.capture));
         self.pipeline.begin(frame);
         true
     }

@@ -10,6 +10,7 @@
 mod association;
 mod body;
 mod class;
+mod expected;
 mod extent;
 mod figures;
 mod filter;
@@ -34,6 +35,7 @@ use protocol::time::Timestamp;
 
 pub use association::{GATE, Shape, ShapeSigmas, assign, cost};
 pub use class::PeerBearing;
+pub use expected::Expected;
 pub use extent::Extent;
 use extent::Known;
 pub use filter::AxisFilter;
@@ -124,6 +126,7 @@ pub struct Tracker {
     holds: Holds,
     events: Vec<AlarmKind>,
     lost: LostPeople,
+    expected: Vec<Expected>,
     /// Where a person can be told by where he stands; objects are followed by their regions elsewhere.
     figures: Option<Figures>,
 }
@@ -161,6 +164,7 @@ impl Tracker {
             holds: Holds::default(),
             events: Vec::new(),
             lost: LostPeople::default(),
+            expected: Vec::new(),
         }
     }
 

@@ -490,7 +490,11 @@ impl Team {
                 }
                 Output::Reign(None) => self.leaders[k].published = None,
                 // The links here hold no state that could be stale.
-                Output::Reign(Some(_)) | Output::Renew | Output::Guidance(_) | Output::Notice(_) => {}
+                Output::Reign(Some(_))
+                | Output::Renew
+                | Output::Guidance(_)
+                | Output::Surroundings(_)
+                | Output::Notice(_) => {}
             }
         }
     }

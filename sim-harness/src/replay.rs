@@ -192,6 +192,7 @@ impl Recording {
                     Output::Notice(text) => notices.push(format!("leader: {text}")),
                     Output::ClockProbe(..)
                     | Output::Guidance(_)
+                    | Output::Surroundings(_)
                     | Output::Reign(_)
                     | Output::Renew
                     | Output::Candidacy(_)

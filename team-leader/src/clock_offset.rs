@@ -69,6 +69,11 @@ impl ClockOffset {
         robot_time.offset_by_secs(-self.offset_s())
     }
 
+    /// The robot's stamp of a time of the leader's clock.
+    pub fn robot_time(&self, leader_time: Timestamp) -> Timestamp {
+        leader_time.offset_by_secs(self.offset_s())
+    }
+
     fn widening_s(&self, now: Timestamp) -> f64 {
         now.seconds_since(self.at).abs() * self.max_drift
     }

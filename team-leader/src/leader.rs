@@ -16,6 +16,7 @@ mod member;
 mod names;
 mod sessions;
 pub mod succession;
+mod surroundings;
 
 use std::collections::BTreeSet;
 
@@ -23,7 +24,8 @@ use protocol::fence::Fence;
 use protocol::id::{LeaderId, RobotId};
 use protocol::message::map::MAX_EXPLANATION_LEN;
 use protocol::message::{
-    Alarm, Announcement, Candidacy, ClockProbe, ClockReply, Guidance, Health, MapStatus, Observation, Recent, TeamMap,
+    Alarm, Announcement, Candidacy, ClockProbe, ClockReply, Guidance, Health, MapStatus, Observation, Recent,
+    Surroundings, TeamMap,
 };
 use protocol::time::Timestamp;
 
@@ -100,6 +102,8 @@ pub enum Output {
     ClockProbe(RobotId, ClockProbe),
     /// Publish.
     Guidance(Guidance),
+    /// Publish, for this robot only, at once: it is of use for its next frame.
+    Surroundings(Surroundings),
     /// Tell people, once: named robot, what and what would cure it.
     Notice(String),
 }
@@ -200,6 +204,7 @@ impl Leader {
         if self.succession.reign().is_none() {
             self.owes_map = false;
         } else if let Some(robot) = used {
+            self.tell_surroundings(robot, outputs);
             self.guide(self.members[robot].component, now, outputs);
             self.tell_of_moved(outputs);
         }

@@ -25,6 +25,7 @@ mod inbox;
 mod probes;
 mod replay;
 mod state;
+mod word;
 
 use std::future::Future;
 use std::time::Duration;
@@ -163,7 +164,7 @@ impl Service {
                 inbox = Inbox::declare(&transport, desk.team()).await?;
                 desk.renew(&transport).await?;
             }
-            desk.declare_guidance().await;
+            desk.declare_word().await;
             if inbox.answers() != desk.reigns() {
                 inbox.answer(&transport, desk.reigns()).await;
                 desk.publish_or_not().await;

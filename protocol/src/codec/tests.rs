@@ -24,6 +24,7 @@ macro_rules! for_every_message {
         $check("replay_start", &samples::replay_start());
         $check("team_map", &samples::map());
         $check("guidance", &samples::guidance());
+        $check("surroundings", &samples::surroundings());
         $check("candidacy", &samples::candidacy());
         $check("recent", &samples::recent());
     };

@@ -244,6 +244,24 @@ pub(crate) fn guidance() -> Guidance {
     }
 }
 
+pub(crate) fn surroundings() -> Surroundings {
+    let neighbour = |track, bearing_rad, range_m| Neighbour {
+        track,
+        bearing: Angle16::from_rad(bearing_rad),
+        range: Millimetres::from_m(range_m),
+        sigma: [0.12, 0.05].map(LogSigma::from_value),
+        velocity_mmps: [800, -350],
+    };
+    Surroundings {
+        robot: robot("r2"),
+        epoch: 0x0123_4567_89AB_CDEF,
+        leader: LeaderId::new("l1").unwrap(),
+        term: 2,
+        at: NOON,
+        people: vec![neighbour(Some(TrackId(7)), 0.5, 1.25), neighbour(None, -2.75, 4.5)],
+    }
+}
+
 pub(crate) fn candidacy() -> Candidacy {
     Candidacy {
         leader: LeaderId::new("l1").unwrap(),

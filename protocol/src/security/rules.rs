@@ -67,12 +67,13 @@ pub fn rules(team: TeamId, role: Role, name: &str) -> Vec<Rule> {
     }
 }
 
-/// What a robot needs: who its fellows are, which leaders there are, where to go, when recordings begin. Not the map, and not
+/// What a robot needs: who its fellows are, which leaders there are, where to go and where to look, when recordings begin. Not the map, and not
 /// what its fellows see.
 fn readable_by_robot(team: TeamId, name: &str) -> Vec<String> {
     let mut keys = with_history(Pattern::EveryRobot(team, RobotTopic::Announcement).to_string());
     keys.push(Pattern::EveryLeader(team).to_string());
     keys.push(format!("{ROOT}/{team}/guidance/{name}"));
+    keys.push(format!("{ROOT}/{team}/surroundings/{name}"));
     keys.push(Key::replay_start(team).to_string());
     keys
 }
@@ -156,6 +157,7 @@ pub fn size_limits() -> Value {
         limit(published, team("map"), Kind::TeamMap.max_bytes()),
         limit(published, team("map/json"), Kind::MapJson.max_bytes()),
         limit(published, team("guidance/*"), Kind::Guidance.max_bytes()),
+        limit(published, team("surroundings/*"), Kind::Surroundings.max_bytes()),
         limit(published, team("replay_start"), Kind::ReplayStart.max_bytes().max(WORDS)),
         limit(published, format!("{ROOT}/*/**/@adv/**"), ADVANCED_BYTES),
         limit(&["query"], format!("{ROOT}/**"), Kind::Command.max_bytes()),

@@ -58,6 +58,7 @@ pub fn qos(kind: Kind) -> Qos {
         Kind::TeamMap              => row(P::DataHigh,        Drop,       BestEffort,  true,   1,  false,     16),
         Kind::Candidacy            => row(P::InteractiveHigh, Drop,       BestEffort,  true,   0,  false,     64),
         Kind::Guidance             => row(P::Data,            Drop,       BestEffort,  false,  0,  false,     64),
+        Kind::Surroundings         => row(P::InteractiveHigh, Drop,       BestEffort,  true,   0,  false,     16),
         Kind::Picture              => row(P::Background,      Block,      Reliable,    false,  0,  false,      8),
         Kind::MapJson              => row(P::DataLow,         Drop,       BestEffort,  false,  0,  false,      8),
     };

@@ -1,6 +1,8 @@
 //! What happens to an agent, and what it does.
 
-use protocol::message::{Alarm, Announcement, ClockProbe, ClockReply, Command, CommandReply, Health, Observation};
+use protocol::message::{
+    Alarm, Announcement, ClockProbe, ClockReply, Command, CommandReply, Health, Observation, Surroundings,
+};
 use protocol::time::Timestamp;
 
 pub use protocol::message::PictureKind;
@@ -34,6 +36,8 @@ pub enum Input {
     CaptureEnded,
     /// A robot of the team says who it is and what it looks like. One's own comes back and is ignored.
     Announcement(Announcement),
+    /// A leader says who is round the robot.
+    Surroundings(Surroundings),
     /// A leader probes the clock; `now` of the call is the time of arrival.
     ClockProbe(Token, ClockProbe),
     /// Somebody asks something.

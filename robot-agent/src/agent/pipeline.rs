@@ -17,7 +17,7 @@ use crate::optics::MountedCamera;
 use crate::panorama::{Lut, PanoramaGeometry};
 use crate::peers::{Grid, Peer, PeerDetector};
 use crate::picture::{self, Gallery};
-use crate::tracking::{PeerBearing, Tracker, View};
+use crate::tracking::{Expected, PeerBearing, Tracker, View};
 
 /// JPEG quality of pictures for people.
 const JPEG_QUALITY: u8 = 85;
@@ -133,6 +133,11 @@ impl Pipeline {
         self.peer_detector = Some(detector);
         self.markers = markers;
         problems
+    }
+
+    /// Who is where in the frame that comes, as others see it.
+    pub fn expect(&mut self, people: Vec<Expected>) {
+        self.tracker.expect(people);
     }
 
     /// Takes a frame of the right size.

@@ -2,7 +2,7 @@
 
 use protocol::id::{RobotId, TeamId};
 use protocol::key::{Key, Pattern, RobotTopic};
-use protocol::message::{Alarm, Announcement, ClockProbe, Command, Health, Observation, PictureKind};
+use protocol::message::{Alarm, Announcement, ClockProbe, Command, Health, Observation, PictureKind, Surroundings};
 use protocol::transport::{
     AliveToken, AskedPicture, AskedRecent, Presences, Publisher, Questions, Subscriber, Transport, TransportError,
 };
@@ -22,6 +22,7 @@ pub struct Link {
     pub alarm: Publisher<Alarm>,
     pub health: Publisher<Health>,
     pub announcements: Subscriber<Announcement>,
+    pub surroundings: Subscriber<Surroundings>,
     pub leaders: Presences,
     pub questions: mpsc::Receiver<Question>,
     pub recent_asked: Questions<AskedRecent>,
@@ -49,6 +50,7 @@ impl Link {
             alarm: transport.publish(key(RobotTopic::Alarm)).await?,
             health: transport.publish(key(RobotTopic::Health)).await?,
             announcements: transport.subscribe(Pattern::EveryRobot(team, RobotTopic::Announcement)).await?,
+            surroundings: transport.subscribe(Key::surroundings(team, robot)).await?,
             leaders: transport.watch(Pattern::EveryLeader(team)).await?,
             questions,
             recent_asked: transport.answer(key(RobotTopic::Observation)).await?,

@@ -165,6 +165,9 @@ impl Network {
                 Some(got) = link.announcements.recv() => {
                     self.mailbox.put_event(got.arrived, Input::Announcement(got.message));
                 }
+                Some(got) = link.surroundings.recv() => {
+                    self.mailbox.put_event(got.arrived, Input::Surroundings(got.message));
+                }
                 Some(sign) = link.leaders.recv() => self.leader_sign(sign),
                 () = &mut patience, if leader_may_come => {
                     leader_may_come = false;

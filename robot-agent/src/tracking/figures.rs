@@ -37,6 +37,8 @@ const MOST_REACH: i64 = 12;
 const LEVEL_REACH: f64 = 4.5;
 /// A distance is never looked for more narrowly than this, for errors of the fit last.
 const LEAST_LOG_RANGE_SIGMA: f64 = 0.2;
+/// The same of a distance that others have measured.
+const LEAST_KNOWN_LOG_RANGE_SIGMA: f64 = 0.08;
 /// One body is rather two further away if those explain so much more, as a part of what one of them fully gains; heads no
 /// nearer than this to each other, metres.
 const SPLIT_GAIN: f32 = 0.1;
@@ -77,6 +79,8 @@ pub(super) struct Sought<'a> {
     /// Predicted distance and the sigma of its logarithm.
     pub(super) range_m: f64,
     pub(super) log_range_sigma: f64,
+    /// Others have measured that.
+    pub(super) known_range: bool,
     /// What it looked like alone.
     pub(super) shape: &'a Shape,
     /// Of two at one distance the one with more owns what both cover.
@@ -463,7 +467,8 @@ impl Figures {
 
     /// How much speaks for somebody at a place, nats: marks, where he should be, and what he looks like if that is `contested`.
     fn score(&self, sought: &Sought<'_>, place: &Place, rest: &Rest, full: f32, contested: bool) -> f64 {
-        let level_sigma = sought.log_range_sigma.max(LEAST_LOG_RANGE_SIGMA) / level_log_step();
+        let least = if sought.known_range { LEAST_KNOWN_LOG_RANGE_SIGMA } else { LEAST_LOG_RANGE_SIGMA };
+        let level_sigma = sought.log_range_sigma.max(least) / level_log_step();
         let pull_level = (place.level as f64 - silhouette::level_of_range(sought.range_m)) / level_sigma;
         let pull = self.raster.column_difference(self.column_of(place.cell), sought.column).abs() / sought.column_sigma;
         let gain = f64::from(self.gain(place.cell, &place.silhouette, rest));

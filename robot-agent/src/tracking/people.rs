@@ -5,7 +5,7 @@ use protocol::message::TrackState;
 use protocol::time::Timestamp;
 
 use super::body::solid_rows;
-use super::figures::{Figure, Figures, Sought};
+use super::figures::{Figure, Figures, Shape, Sought};
 use super::track::Sighting;
 use super::{PeerBearing, Tracker, association, looks};
 use crate::motion::{Object, Region, Scene};
@@ -21,6 +21,8 @@ const ALONE: f32 = 0.85;
 /// The same for somebody new.
 const NEW_SUPPORT: f32 = 0.4;
 const NEW_OWN: f32 = 0.5;
+/// What somebody whom only others saw until now must explain that no known figure does.
+const TOLD_EVIDENCE: f32 = 0.4;
 /// Share of the pixels that must be in moving objects for the person to move.
 const MOVING: f64 = 0.4;
 /// Fellow robots reach this far above the horizon (their masts are too thin to matter), and their outlines this far beyond
@@ -57,9 +59,12 @@ impl Tracker {
         let Some(mut figures) = self.figures.take() else { return };
         let robots = self.robots(peers);
         figures.look(scene, &robots);
-        let sought: Vec<Sought<'_>> = self.tracks.iter().map(super::Track::sought).collect();
+        let mut sought: Vec<Sought<'_>> = self.tracks.iter().map(|t| self.sought(t)).collect();
+        let known = sought.len();
+        let anybody = Shape::default();
+        sought.extend(self.missed(&sought, &anybody));
+        let told = sought.len();
         let mut all = figures.fit(&sought);
-        let known = all.len();
         all.extend(figures.find(&all));
         let moving = mark_moving(scene);
         let looks: Vec<Option<Look>> = figures
@@ -90,9 +95,12 @@ impl Tracker {
                 None => track.miss(),
             }
         }
-        for (figure, look) in all[known..].iter().zip(looks) {
+        for ((k, figure), look) in all.iter().enumerate().skip(known).zip(looks) {
             let Some(look) = look.filter(|l| !l.ghost) else { continue };
-            let enough = figure.own >= NEW_OWN && figure.support >= NEW_SUPPORT;
+            let others_see = k < told;
+            let enough = figure.own >= NEW_OWN
+                && figure.support >= NEW_SUPPORT
+                && (!others_see || figure.evidence >= TOLD_EVIDENCE);
             if enough && let Some(t) = self.member_at(figure, &look.sighting, &all[..known], &figures) {
                 // One of those who were together has come out elsewhere than where he was placed.
                 let track = &mut self.tracks[t];
@@ -103,7 +111,7 @@ impl Tracker {
             }
             if enough && self.tracks.len() < association::MAX_SIDE {
                 let returned = self.lost.take(look.sighting.axis, figure.range_m, capture, &self.raster);
-                if !look.sighting.moves && returned.is_none() {
+                if !look.sighting.moves && returned.is_none() && !others_see {
                     continue;
                 }
                 let id = returned.as_ref().map_or_else(|| self.next_track_id(), |lost| lost.id);

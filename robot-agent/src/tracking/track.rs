@@ -235,6 +235,7 @@ impl Track {
             .max(1.0),
             range_m: self.log_range.exp(),
             log_range_sigma: self.log_range_sigma,
+            known_range: false,
             shape: &self.figure_shape,
             seniority: self.hits,
             looks: self.looks.firm(),

@@ -205,6 +205,7 @@ impl Team {
     fn at_robot(&mut self, now: VirtualNs, index: usize, envelope: &[u8]) -> Result<(), TeamError> {
         let input = match claimed_kind(envelope) {
             Some(Kind::Announcement) => decode(envelope).map(agent::Input::Announcement),
+            Some(Kind::Surroundings) => decode(envelope).map(agent::Input::Surroundings),
             Some(Kind::ClockProbe) => decode(envelope).map(|probe| agent::Input::ClockProbe(Token(now), probe)),
             _ => return Ok(()),
         };
@@ -331,6 +332,14 @@ impl Team {
                 leader::Output::Guidance(guidance) => {
                     let envelope = self.leader_envelope(encode(&guidance))?;
                     self.traffic.add("leader", Kind::Guidance, envelope.len());
+                }
+                leader::Output::Surroundings(surroundings) => {
+                    let envelope = self.leader_envelope(encode(&surroundings))?;
+                    self.traffic.add("leader", Kind::Surroundings, envelope.len());
+                    let to = self.robots.iter().position(|r| r.name == surroundings.robot);
+                    if let Some(to) = to {
+                        self.send(done, self.leader_node(), to, &envelope);
+                    }
                 }
                 // Nobody else leads here.
                 leader::Output::Reign(_)

@@ -3,6 +3,7 @@
 use nalgebra::Matrix3;
 use protocol::angle::difference;
 use protocol::frames::Pose2;
+use protocol::id::TrackId;
 use protocol::time::Timestamp;
 
 use super::identity::Looks;
@@ -17,14 +18,14 @@ use crate::stereo::triangulate::height_m;
 /// Variance below which the height of a top does not fall, m².
 const TOP_FLOOR_VAR: f64 = 0.0016;
 /// A frame never counts for less than this part of a frame with an error of its own.
-pub const MOST_REPEAT: f64 = 2.5;
+pub const MOST_REPEAT: f64 = 1.8;
 /// Where the rays leave the place so unsure (larger axis, metres), ranges from feet, head and width help.
 const UNSURE_M: f64 = 0.15;
 /// How much less a range from feet, head and width says with every frame: the gait, the clothes, the shadow stay.
 const RANGE_REPEAT: f64 = 10.0;
 /// What a frame counts for, apart from others and in one region with them: errors of successive frames are alike.
-const TEMPER: f64 = 0.6;
-const TEMPER_MERGED: f64 = 0.18;
+const TEMPER: f64 = 0.9;
+const TEMPER_MERGED: f64 = 0.3;
 /// What a squared sigma of a single robot's range is worth in a frame, nats, where the target's is known to this part: ranges
 /// of feet and heads err alike from frame to frame. The same for looks, which are told seldom.
 const CUE_WORTH: f64 = 0.1;
@@ -85,13 +86,24 @@ impl Seen {
     }
 }
 
+/// The last bearing of an object by a robot.
+#[derive(Debug, Clone, Copy)]
+pub struct ObservedBy {
+    /// Whose.
+    pub robot: usize,
+    /// Of which of its tracks.
+    pub track: TrackId,
+    /// When.
+    pub at: Timestamp,
+}
+
 /// An object as measured so far.
 #[derive(Debug, Clone)]
 pub struct State {
     /// Its filter.
     pub target: Target,
     /// Last bearing by each robot.
-    pub observers: Vec<(usize, Timestamp)>,
+    pub observers: Vec<ObservedBy>,
     /// Last bearing at all.
     pub last: Timestamp,
     /// Bearings so far.
@@ -110,7 +122,7 @@ impl State {
 
     /// Whether a robot has seen it within so many seconds of `at`.
     pub fn is_seen_by(&self, robot: usize, at: Timestamp, within_s: f64) -> bool {
-        self.observers.iter().any(|(r, seen)| *r == robot && at.seconds_since(*seen).abs() < within_s)
+        self.observers.iter().any(|o| o.robot == robot && at.seconds_since(o.at).abs() < within_s)
     }
 
     /// Goes on by a frame, in which `sight` is this object's.
@@ -161,8 +173,8 @@ impl State {
             self.score += LOOKS_WORTH * looks.resemblance(appearance);
         }
 
-        let alone = self.observers.iter().all(|(r, at)| *r == seen.robot || seen.at.seconds_since(*at) > OBSERVED_S);
-        let before = self.observers.iter().find(|(r, _)| *r == seen.robot).map(|(_, at)| *at);
+        let alone = self.observers.iter().all(|o| o.robot == seen.robot || seen.at.seconds_since(o.at) > OBSERVED_S);
+        let before = self.observers.iter().find(|o| o.robot == seen.robot).map(|o| o.at);
         let since_s = before.map_or(1.0, |b| seen.at.seconds_since(b)).max(1e-3);
         let repeat = config.repeat(since_s, MOST_REPEAT);
         let mut m = seen.bearing(config, sight, range_m, repeat);
@@ -171,9 +183,10 @@ impl State {
         self.two_robots |= !alone;
         self.last = self.last.max(seen.at);
         self.updates += 1;
-        match self.observers.iter_mut().find(|(r, _)| *r == seen.robot) {
-            Some((_, at)) => *at = seen.at,
-            None => self.observers.push((seen.robot, seen.at)),
+        let now = ObservedBy { robot: seen.robot, track: sight.track, at: seen.at };
+        match self.observers.iter_mut().find(|o| o.robot == seen.robot) {
+            Some(before) => *before = now,
+            None => self.observers.push(now),
         }
         if sight.merged {
             return;

@@ -53,7 +53,7 @@ impl Follower {
     /// Whether a target in this state would stand where another stands, which more robots see.
     pub(super) fn is_double(&self, id: TargetId, state: &State) -> bool {
         let newest = self.newest;
-        let current = |s: &State| s.observers.iter().filter(|(_, at)| newest.seconds_since(*at) < OBSERVED_S).count();
+        let current = |s: &State| s.observers.iter().filter(|o| newest.seconds_since(o.at) < OBSERVED_S).count();
         let own = current(state);
         own <= 1
             && self.targets.iter().filter(|g| g.id != id).any(|g| {

@@ -5,6 +5,7 @@ mod components;
 mod guidance;
 mod score;
 mod succession;
+mod surroundings;
 pub(super) mod world;
 
 use score::Score;

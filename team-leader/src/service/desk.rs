@@ -1,6 +1,6 @@
 //! What happens to each thing that comes in, and where each output goes.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeSet;
 use std::time::{Duration, Instant};
 
 use protocol::host_clock::Clock;
@@ -8,7 +8,7 @@ use protocol::id::{LeaderId, RobotId, TeamId};
 use protocol::key::{Key, Topic};
 use protocol::latency::Latencies;
 use protocol::message::map::MAX_ROBOTS;
-use protocol::message::{Alarm, Announcement, Candidacy, Guidance, Health, Observation, TeamMap};
+use protocol::message::{Alarm, Announcement, Candidacy, Health, Observation, TeamMap};
 use protocol::time::Timestamp;
 use protocol::transport::{
     Asked, AskedMap, AskedMapJson, AskedReplayStart, Publisher, Received, Sign, TextPublisher, Transport,
@@ -19,6 +19,7 @@ use super::heartbeat::Heartbeat;
 use super::probes::{Probes, Told};
 use super::replay::CommonStart;
 use super::state::Keeper;
+use super::word::Word;
 use super::{LONGEST_IDLE, Setup, Summary};
 use crate::leader::{Input, Leader, Output, THAW_AFTER};
 use crate::team_map::json::MapJson;
@@ -53,9 +54,7 @@ pub struct Desk {
     /// When the session is to be replaced.
     renews_at: Option<Instant>,
     keeper: Option<Keeper>,
-    guidance: BTreeMap<RobotId, Publisher<Guidance>>,
-    /// Guidance for robots that have no publisher yet; the last of each robot.
-    undelivered: BTreeMap<RobotId, Guidance>,
+    word: Word,
     /// Robots whose token is there.
     present: BTreeSet<RobotId>,
     /// Robots that have ever said anything.
@@ -101,8 +100,7 @@ impl Desk {
             publish_json: json,
             somebody_reads_json: false,
             locators,
-            guidance: BTreeMap::new(),
-            undelivered: BTreeMap::new(),
+            word: Word::default(),
             present: BTreeSet::new(),
             known: BTreeSet::new(),
             start: CommonStart::new(replay),
@@ -130,7 +128,7 @@ impl Desk {
     pub async fn renew(&mut self, transport: &Transport) -> Result<(), TransportError> {
         tracing::warn!("leader {} goes on in a new session", self.id);
         (self.map, self.json) = (None, None);
-        self.guidance.clear();
+        self.word.clear();
         self.candidacy = transport.publish(Key::candidacy(self.team, self.id)).await?;
         self.probes = Probes::new(transport.clone(), self.team, self.clock);
         self.transport = transport.clone();
@@ -274,7 +272,8 @@ impl Desk {
                 Output::Alarm(alarm) => self.record(&alarm),
                 Output::Map(map) => self.publish(map),
                 Output::ClockProbe(robot, probe) => self.probes.ask(robot, probe),
-                Output::Guidance(guidance) => self.guide(guidance),
+                Output::Guidance(guidance) => self.word.guide(guidance),
+                Output::Surroundings(surroundings) => self.word.show(surroundings),
                 Output::Notice(text) => self.tell(text),
             }
         }
@@ -344,27 +343,9 @@ impl Desk {
         }
     }
 
-    fn guide(&mut self, guidance: Guidance) {
-        match self.guidance.get(&guidance.robot) {
-            Some(publisher) => log_unsent(publisher.put(&guidance)),
-            None if self.undelivered.len() < MAX_ROBOTS => {
-                self.undelivered.insert(guidance.robot, guidance);
-            }
-            None => {}
-        }
-    }
-
-    /// Declares publishers for robots that get guidance for the first time.
-    pub async fn declare_guidance(&mut self) {
-        while let Some((robot, guidance)) = self.undelivered.pop_first() {
-            match self.transport.publish(Key::guidance(self.team, robot)).await {
-                Ok(publisher) => {
-                    log_unsent(publisher.put(&guidance));
-                    self.guidance.insert(robot, publisher);
-                }
-                Err(error) => tracing::error!("{error}"),
-            }
-        }
+    /// Declares publishers for robots that are told something for the first time.
+    pub async fn declare_word(&mut self) {
+        self.word.declare(&self.transport, self.team).await;
     }
 
     /// Whether anybody listens to the map as JSON: it is not even written if not.
@@ -446,7 +427,7 @@ fn as_json(map: &TeamMap) -> Result<String, String> {
     serde_json::to_string(&MapJson::from(map)).map_err(|error| format!("the map cannot be written as JSON: {error}"))
 }
 
-fn log_unsent<T>(sent: Result<T, TransportError>) {
+pub(super) fn log_unsent<T>(sent: Result<T, TransportError>) {
     if let Err(error) = sent {
         tracing::warn!("{error}");
     }

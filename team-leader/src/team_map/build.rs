@@ -163,18 +163,11 @@ fn target_entry(
     let jacobian =
         (0..2).flat_map(|row| blocks.iter().flat_map(move |b| b.row(row).iter().copied().collect::<Vec<_>>()));
     let velocity = target.velocity();
-    let mut observers: Vec<RobotId> = followed
-        .state
-        .observers
-        .iter()
-        .filter(|(_, at)| stamp.seconds_since(*at) < OBSERVED_S)
-        .map(|(r, _)| robots[*r].id)
-        .collect();
+    let lately = || followed.state.observers.iter().filter(|o| stamp.seconds_since(o.at) < OBSERVED_S);
+    let mut observers: Vec<RobotId> = lately().map(|o| robots[o.robot].id).collect();
     observers.sort_unstable();
-    let seeing = || {
-        let lately = followed.state.observers.iter().filter(|(_, at)| stamp.seconds_since(*at) < OBSERVED_S);
-        lately.filter_map(|(r, _)| Some((robots[*r].id, calibrator.station(*r)?.position() - position)))
-    };
+    let seeing =
+        || lately().filter_map(|o| Some((robots[o.robot].id, calibrator.station(o.robot)?.position() - position)));
     Some(MapTarget {
         id: followed.id,
         component: component.number,

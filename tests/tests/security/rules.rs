@@ -20,6 +20,7 @@ async fn a_robot_speaks_under_its_own_name_and_no_other() {
         "pal/blue/map",
         "pal/blue/map/json",
         "pal/blue/guidance/r1",
+        "pal/blue/surroundings/r1",
         "pal/blue/replay_start",
         "pal/blue/anything",
     ];
@@ -76,18 +77,28 @@ async fn a_robot_hears_who_its_fellows_are_and_not_what_they_see() {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn a_robot_gets_its_own_guidance_and_no_map() {
+async fn a_robot_gets_its_own_guidance_and_surroundings_and_no_map() {
     let team = Team::new();
     let (_leader, at) = team.leader("l1", &[]).await;
     // Another leader, seen from this one: it may say everything.
     let (r1, l2) = (team.raw(Role::Robot, "r1", &at).await, team.raw(Role::Leader, "l2", &at).await);
     let mut ears = Vec::new();
-    for key in ["pal/blue/map", "pal/blue/map/json", "pal/blue/guidance/*", "pal/blue/guidance/r2", "pal/blue/**"] {
+    let wanted = [
+        "pal/blue/map",
+        "pal/blue/map/json",
+        "pal/blue/guidance/*",
+        "pal/blue/guidance/r2",
+        "pal/blue/surroundings/r2",
+        "pal/blue/**",
+    ];
+    for key in wanted {
         ears.push(ear(&r1, key).await);
     }
-    let allowed = ear(&r1, "pal/blue/guidance/r1").await;
-    let secrets = ["pal/blue/map", "pal/blue/map/json", "pal/blue/guidance/r2"];
-    only_is_heard(&l2, &secrets, "pal/blue/guidance/r1", &allowed).await;
+    let secrets = ["pal/blue/map", "pal/blue/map/json", "pal/blue/guidance/r2", "pal/blue/surroundings/r2"];
+    for own in ["pal/blue/guidance/r1", "pal/blue/surroundings/r1"] {
+        let allowed = ear(&r1, own).await;
+        only_is_heard(&l2, &secrets, own, &allowed).await;
+    }
     for ear in &ears {
         while let Ok(Some(sample)) = ear.try_recv() {
             assert!(!secrets.contains(&sample.key_expr().as_str()), "{}", sample.key_expr());

@@ -36,6 +36,7 @@ fn victims() -> Vec<Victim> {
         victim(&samples::replay_start()),
         victim(&samples::map()),
         victim(&samples::guidance()),
+        victim(&samples::surroundings()),
         victim(&samples::candidacy()),
     ]
 }

@@ -191,6 +191,8 @@ pub struct World {
     pub notices: Vec<String>,
     /// What it said of better places, and when.
     pub guidance: Vec<(f64, protocol::message::Guidance)>,
+    /// Of each neighbour that a robot was told of: which robot, when, how far he is from anybody (m), whether a track was named.
+    pub neighbours: Vec<(usize, f64, f64, bool)>,
     /// When the robot that went where it was told stands there.
     pub arrived_s: Option<f64>,
 }
@@ -278,6 +280,7 @@ impl World {
             said: None,
             notices: Vec::new(),
             guidance: Vec::new(),
+            neighbours: Vec::new(),
             arrived_s: None,
             settings,
         };
@@ -450,6 +453,7 @@ impl World {
                             }
                             self.guidance.push((now_s, guidance));
                         }
+                        Output::Surroundings(said) => self.compare_neighbours(now_s, &said),
                         Output::Reign(_) | Output::Renew | Output::Alarm(_) => {}
                         Output::Notice(text) => {
                             println!("leader {me} at {now_s:.2}: {text}");
@@ -459,6 +463,22 @@ impl World {
                 }
             }
         }
+    }
+
+    /// What a robot is told against where people are by its own clock, in its own frame.
+    fn compare_neighbours(&mut self, now_s: f64, said: &protocol::message::Surroundings) {
+        let Some(k) = self.robots.iter().position(|r| r.id == said.robot) else { return };
+        let time_s = said.at.seconds_since(clock(0.0)) - self.robots[k].offset_s;
+        let (poses, people) = self.truth_at(time_s);
+        let [x, y, heading] = poses[k];
+        let told = said.people.iter().map(|n| {
+            let (sin, cos) = (heading + n.bearing.rad()).sin_cos();
+            let at = [x + n.range.m() * cos, y + n.range.m() * sin];
+            let away = |p: &PersonTruth| (p.position[0] - at[0]).hypot(p.position[1] - at[1]);
+            (k, now_s, people.iter().map(away).fold(f64::MAX, f64::min), n.track.is_some())
+        });
+        let told: Vec<_> = told.collect();
+        self.neighbours.extend(told);
     }
 
     /// The robot goes to its goal by what the map says of its own pose.
