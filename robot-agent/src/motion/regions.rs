@@ -155,6 +155,10 @@ impl Grouping {
         parent.clear();
         parent.extend(0..square_runs.all.len() as u32);
         join_touching(square_runs, raster, parent);
+        // No parent comes after its child: one pass makes each a root.
+        for i in 0..parent.len() {
+            parent[i] = parent[parent[i] as usize];
+        }
         areas.clear();
         areas.resize(parent.len(), 0);
         for_roots(runs, square_runs, parent, raster, |run, root| areas[root] += run.len as usize);
@@ -219,7 +223,7 @@ fn spread_by_one(row: &mut [u64], raster: &Raster) {
 }
 
 /// Each run with the root of the run of squares that it lies in.
-fn for_roots(runs: &Runs, squares: &Runs, parent: &mut [u32], raster: &Raster, mut f: impl FnMut(Run, usize)) {
+fn for_roots(runs: &Runs, squares: &Runs, roots: &[u32], raster: &Raster, mut f: impl FnMut(Run, usize)) {
     for y in 0..raster.height {
         let mut square = squares.row_starts[y];
         for run in &runs.all[runs.row_starts[y]..runs.row_starts[y + 1]] {
@@ -228,7 +232,7 @@ fn for_roots(runs: &Runs, squares: &Runs, parent: &mut [u32], raster: &Raster, m
                 square += 1;
             }
             if square < squares.row_starts[y + 1] {
-                f(*run, find(parent, square as u32) as usize);
+                f(*run, roots[square] as usize);
             }
         }
     }

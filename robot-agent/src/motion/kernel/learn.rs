@@ -174,7 +174,7 @@ pub fn count_looks(
     looks: &mut Looks<'_>,
 ) -> bool {
     let mut exchanged = false;
-    for (b, known) in looks.known.iter_mut().enumerate() {
+    for b in 0..looks.known.len() {
         let pixels = (b * BLOCK).min(current.len())..((b + 1) * BLOCK).min(current.len());
         let (current, how, noise) = (&current[pixels.clone()], &how[pixels.clone()], &noise[pixels.clone()]);
         let (level, seen) = (&mut looks.level[pixels.clone()], &mut looks.seen[pixels.clone()]);
@@ -193,9 +193,12 @@ pub fn count_looks(
                 other
             }
         };
-        if bits_of(&other) == 0 {
+        let others = bits_of(&other);
+        if others.count_ones() <= FEW {
+            exchanged |= count_few(current, exposure_q15, noise, others, counting, looks, b);
             continue;
         }
+        let (level, seen) = (&mut looks.level[pixels.clone()], &mut looks.seen[pixels.clone()]);
         let (second, seen_second) = (&mut looks.second[pixels.clone()], &mut looks.seen_second[pixels]);
         let mut now = [0; BLOCK];
         for (now, c) in now.iter_mut().zip(padded(current)) {
@@ -208,7 +211,7 @@ pub fn count_looks(
             seen_second: padded(seen_second),
         };
         let (renewed, replaced) = count_others(&now, &padded(noise), &other, counting, &mut block);
-        *known = (*known & !renewed) | replaced;
+        looks.known[b] = (looks.known[b] & !renewed) | replaced;
         exchanged |= replaced != 0;
         let n = level.len();
         level.copy_from_slice(&block.level[..n]);
@@ -218,6 +221,49 @@ pub fn count_looks(
     }
     exchanged
 }
+}
+
+/// So few pixels of a block that show something else are counted one by one.
+const FEW: u32 = 6;
+
+/// Counts the pixels of block `b` whose bits are set in `others`. Whether any second look has become the background.
+fn count_few(
+    current: &[u8],
+    exposure_q15: u16,
+    noise: &[u16],
+    mut others: u64,
+    counting: Counting,
+    looks: &mut Looks<'_>,
+    b: usize,
+) -> bool {
+    let mut exchanged = false;
+    while others != 0 {
+        let bit = others.trailing_zeros() as usize;
+        others &= others - 1;
+        let (i, now) = (b * BLOCK + bit, expose(current[bit], exposure_q15));
+        let (level, second, count, seen) = (looks.level[i], looks.second[i], looks.seen_second[i], looks.seen[i]);
+        let near = count > 0 && now.abs_diff(second) < tolerance(noise[bit]);
+        let renewed = count <= 1 && !near;
+        let count_now = if near { count.saturating_add(1).min(counting.most) } else { count.saturating_sub(1).max(1) };
+        let replaced = count_now > seen.saturating_add(counting.lead) || count_now == counting.most;
+        let moved = second.wrapping_add(((now.wrapping_sub(second) as i16) >> 3) as u16);
+        let second_now = if renewed {
+            now
+        } else if near {
+            moved
+        } else {
+            second
+        };
+        looks.known[b] = (looks.known[b] & !(u64::from(renewed) << bit)) | u64::from(replaced) << bit;
+        if replaced {
+            (looks.level[i], looks.second[i]) = (second_now, level);
+            (looks.seen[i], looks.seen_second[i]) = (count_now, seen.min(counting.most / 2));
+        } else {
+            (looks.second[i], looks.seen_second[i]) = (second_now, count_now);
+        }
+        exchanged |= replaced;
+    }
+    exchanged
 }
 
 /// Counts where the background is seen; all ones where something else is.

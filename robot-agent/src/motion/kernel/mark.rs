@@ -33,27 +33,33 @@ pub fn mark_changes(row: Compared<'_>, magnitude: &mut [u8], most: &mut [u8], fa
     let (background, noise) = (&row.background[..n], &row.noise[..n]);
     let (magnitude, most) = (&mut magnitude[..n], &mut most[..n]);
     let level = available();
-    for (w, (faint, strong)) in faint.iter_mut().zip(strong).enumerate() {
-        let start = w * BLOCK;
-        // The last block of a row begins sooner: what is marked twice is marked alike.
-        let first = if start + BLOCK <= n { start } else { n.saturating_sub(BLOCK) };
-        let block = (row.picture[first..].first_chunk(), background[first..].first_chunk(), noise[first..].first_chunk());
-        let out = (magnitude[first..].first_chunk_mut(), most[first..].first_chunk_mut());
-        (*faint, *strong) = match (block, out) {
-            ((Some(p), Some(b), Some(s)), (Some(magnitude), Some(most))) => {
-                let (faint, strong) = mark_block(level, p, row.exposure_q15, b, s, row.floors, magnitude, most);
-                (faint >> (start - first), strong >> (start - first))
-            }
-            _ => {
-                let (mut changes, mut larger) = ([0; BLOCK], padded(most));
-                let (p, b, s) = (padded(row.picture), padded(background), padded(noise));
-                let (faint, strong) = mark_block(level, &p, row.exposure_q15, &b, &s, row.floors, &mut changes, &mut larger);
-                magnitude.copy_from_slice(&changes[..n]);
-                most.copy_from_slice(&larger[..n]);
-                (faint & ((1 << n) - 1), strong & ((1 << n) - 1))
-            }
-        };
+    let blocks = row.picture.as_chunks().0.iter().zip(background.as_chunks().0).zip(noise.as_chunks().0);
+    let out = magnitude.as_chunks_mut().0.iter_mut().zip(most.as_chunks_mut().0);
+    for (((p, b), s), ((magnitude, most), marks)) in blocks.zip(out.zip(faint.iter_mut().zip(strong.iter_mut()))) {
+        (*marks.0, *marks.1) = mark_block(level, p, row.exposure_q15, b, s, row.floors, magnitude, most);
     }
+    let (w, rest) = (n / BLOCK, n % BLOCK);
+    if rest == 0 {
+        return;
+    }
+    // The last block of a row begins sooner: what is marked twice is marked alike.
+    let first = n.saturating_sub(BLOCK);
+    let block = (row.picture[first..].first_chunk(), background[first..].first_chunk(), noise[first..].first_chunk());
+    let out = (magnitude[first..].first_chunk_mut(), most[first..].first_chunk_mut());
+    (faint[w], strong[w]) = match (block, out) {
+        ((Some(p), Some(b), Some(s)), (Some(magnitude), Some(most))) => {
+            let (faint, strong) = mark_block(level, p, row.exposure_q15, b, s, row.floors, magnitude, most);
+            (faint >> (BLOCK - rest), strong >> (BLOCK - rest))
+        }
+        _ => {
+            let (mut changes, mut larger) = ([0; BLOCK], padded(most));
+            let (p, b, s) = (padded(row.picture), padded(background), padded(noise));
+            let (faint, strong) = mark_block(level, &p, row.exposure_q15, &b, &s, row.floors, &mut changes, &mut larger);
+            magnitude.copy_from_slice(&changes[..n]);
+            most.copy_from_slice(&larger[..n]);
+            (faint & ((1 << n) - 1), strong & ((1 << n) - 1))
+        }
+    };
 }
 }
 
