@@ -335,8 +335,8 @@ fn join(parent: &mut [u32], a: u32, b: u32) -> u32 {
 
 /// Marks some columns, 64 a word.
 fn mark_columns(columns: &mut [u64], start: usize, end: usize) {
-    for w in start / WORD..end.div_ceil(WORD) {
-        columns[w] |= bits_between(w, start, end);
+    for (w, word) in columns.iter_mut().enumerate().take(end.div_ceil(WORD)).skip(start / WORD) {
+        *word |= bits_between(w, start, end);
     }
 }
 
