@@ -204,8 +204,11 @@ pub struct MotionStage {
     picture: Vec<u8>,
     /// The frame before; empty before there was one.
     before: Vec<u8>,
-    /// The frame that (6-1) compares with; empty before there was one.
+    /// The frame that (6-1) compares with, unless that is `before`; empty before there was one.
     previous: Vec<u8>,
+    previous_is_before: bool,
+    /// Where the next picture is drawn.
+    next: Vec<u8>,
     /// The first frame, while the background is being built.
     first: Vec<u8>,
     halo: Halo,
@@ -280,6 +283,8 @@ impl MotionStage {
             picture: vec![0; n],
             before: Vec::new(),
             previous: Vec::new(),
+            previous_is_before: false,
+            next: vec![0; n],
             first: Vec::new(),
             halo: Halo::new(raster),
             shadow: Shadow::new(raster),
@@ -320,8 +325,26 @@ impl MotionStage {
         if picture.len() != self.raster.len() {
             return Err(MotionError::Length { what: "the picture", found: picture.len(), wanted: self.raster.len() });
         }
+        self.next_picture().copy_from_slice(picture);
+        Ok(self.change_drawn(capture))
+    }
+
+    /// Where the next picture may be drawn, row by row; taken by [`MotionStage::change_drawn`]. All of it must be drawn each time.
+    pub fn next_picture(&mut self) -> &mut [u8] {
+        self.next.resize(self.raster.len(), 0);
+        &mut self.next
+    }
+
+    /// The picture drawn last that was taken, or was none (see [`AlarmKind::SensorFailure`]).
+    pub fn drawn(&self) -> &[u8] {
+        if self.sensor_failed { &self.next } else { &self.picture }
+    }
+
+    /// As [`MotionStage::change`], of what was drawn into [`MotionStage::next_picture`].
+    pub fn change_drawn(&mut self, capture: Timestamp) -> Change {
+        self.next_picture();
         self.objects.clear();
-        if let Some(failure) = sensor::failure(picture, &self.valid) {
+        if let Some(failure) = sensor::failure(&self.next, &self.valid) {
             let alarm = (!self.sensor_failed).then(|| AlarmKind::SensorFailure(failure.to_owned()));
             self.sensor_failed = true;
             self.state = BackgroundState::Suspended;
@@ -329,11 +352,12 @@ impl MotionStage {
             self.own_motion.reset();
             self.before.clear();
             self.previous.clear();
+            self.previous_is_before = false;
             self.motion = Motion::Unknown;
-            return Ok(Change { motion: self.motion, background: self.state, alarm });
+            return Change { motion: self.motion, background: self.state, alarm };
         }
         self.sensor_failed = false;
-        self.take(picture, capture);
+        self.take(capture);
         let frozen = self.frozen.look(&self.picture, &self.before, capture);
         let frozen = frozen.map(|why| AlarmKind::SensorFailure(why.to_owned()));
 
@@ -348,7 +372,7 @@ impl MotionStage {
         if self.motion != Motion::Standing {
             let alarm = (before == Motion::Standing).then_some(AlarmKind::SelfMotion);
             self.suspend();
-            return Ok(Change { motion: self.motion, background: self.state, alarm });
+            return Change { motion: self.motion, background: self.state, alarm };
         }
         let mut alarm = None;
         if self.state == BackgroundState::Suspended {
@@ -366,7 +390,7 @@ impl MotionStage {
                 let _ = self.build(capture);
             }
         }
-        Ok(Change { motion: self.motion, background: self.state, alarm: alarm.or(frozen) })
+        Change { motion: self.motion, background: self.state, alarm: alarm.or(frozen) }
     }
 
     /// Objects from the marks of this frame's [`MotionStage::change`]. Does nothing while there is no background.
@@ -489,7 +513,9 @@ impl MotionStage {
         if picture.len() != self.raster.len() {
             return Err(MotionError::Length { what: "the picture", found: picture.len(), wanted: self.raster.len() });
         }
-        self.take(picture, capture);
+        self.next_picture().copy_from_slice(picture);
+        self.sensor_failed = false;
+        self.take(capture);
         (self.state, self.motion) = (BackgroundState::Ready, Motion::Standing);
         self.magnitude.fill(0);
         self.objects.clear();
@@ -533,16 +559,17 @@ impl MotionStage {
 
     /// Bytes held for pictures and background; the same in every frame once the background is ready.
     pub fn memory_bytes(&self) -> usize {
-        let bytes = [&self.valid, &self.picture, &self.before, &self.previous, &self.first, &self.magnitude];
-        let pictures: usize = bytes.into_iter().chain([&self.mask, &self.how]).map(Vec::capacity).sum();
+        let bytes = [&self.valid, &self.picture, &self.before, &self.previous, &self.next, &self.first];
+        let pictures: usize =
+            bytes.into_iter().chain([&self.magnitude, &self.mask, &self.how]).map(Vec::capacity).sum();
         let marks = [&self.valid_marks, &self.faint, &self.strong, &self.solid, &self.upright, &self.low];
         let marks: usize = marks.map(Marks::memory_bytes).iter().sum();
         pictures + marks + size_of_val(&*self.moved_ds) + self.background.memory_bytes() + self.majority.memory_bytes()
     }
 
-    /// Takes a picture; keeps the one before and the one that (6-1) compares with: at least `GATE_SPACING_S` old, so that a fast
-    /// camera sees slow things move.
-    fn take(&mut self, picture: &[u8], capture: Timestamp) {
+    /// Takes the picture drawn; keeps the one before and the one that (6-1) compares with: at least `GATE_SPACING_S` old, so that a
+    /// fast camera sees slow things move. Buffers change places, no picture is copied.
+    fn take(&mut self, capture: Timestamp) {
         let spacing_s = capture.seconds_since(self.capture);
         if self.first_capture.is_none() {
             self.first_capture = Some(capture);
@@ -551,16 +578,18 @@ impl MotionStage {
                 self.spacing_s += 0.1 * (spacing_s - self.spacing_s);
             }
             let old_enough = capture.seconds_since(self.previous_capture) >= GATE_SPACING_S + 0.5 * self.spacing_s;
-            if self.previous.is_empty() || old_enough || spacing_s < 0.0 {
-                self.previous.clear();
-                self.previous.extend_from_slice(&self.picture);
+            let any = self.previous_is_before || !self.previous.is_empty();
+            if !any || old_enough || spacing_s < 0.0 {
+                self.previous_is_before = true;
                 self.previous_capture = self.capture;
+            } else if self.previous_is_before {
+                std::mem::swap(&mut self.previous, &mut self.before);
+                self.previous_is_before = false;
             }
             std::mem::swap(&mut self.picture, &mut self.before);
         }
         self.capture = capture;
-        self.picture.clear();
-        self.picture.extend_from_slice(picture);
+        std::mem::swap(&mut self.picture, &mut self.next);
     }
 
     fn decisecond(&self) -> u32 {
@@ -651,14 +680,15 @@ impl MotionStage {
 
     /// Pixels of a region that differ from the frame before (6-1).
     fn changed_in(&self, region: &Region) -> usize {
-        if self.previous.len() != self.picture.len() {
+        let previous = if self.previous_is_before { &self.before } else { &self.previous };
+        if previous.len() != self.picture.len() {
             return 0;
         }
         region
             .spans()
             .map(|(row, start, len)| {
                 let i = row * self.raster.width + start;
-                kernel::count_differences(&self.picture[i..i + len], &self.previous[i..i + len], self.gate_threshold)
+                kernel::count_differences(&self.picture[i..i + len], &previous[i..i + len], self.gate_threshold)
             })
             .sum()
     }

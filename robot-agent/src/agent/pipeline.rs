@@ -33,7 +33,6 @@ pub struct Pipeline {
     markers: Vec<(Option<RobotId>, Marker)>,
     peer_detector: Option<PeerDetector>,
     gallery: Gallery,
-    panorama: Vec<u8>,
     frame: Option<Frame>,
     /// The camera's own picture of the last frame, for the gaze windows; black before the first.
     last_gray: Vec<u8>,
@@ -102,7 +101,6 @@ impl Pipeline {
             markers: Vec::new(),
             peer_detector: None,
             gallery: Gallery::new(raster),
-            panorama: vec![0; geometry.pixels()],
             frame: None,
             last_gray: vec![0; width as usize * height as usize],
             todo: Vec::new(),
@@ -184,14 +182,14 @@ impl Pipeline {
     }
 
     fn unwarp(&mut self, frame: &Frame) {
-        // The sizes were checked when the frame came in; a table that disagrees leaves the last panorama.
-        if let Err(error) = self.lut.unwarp(&frame.gray, &mut self.panorama) {
+        // The sizes were checked when the frame came in; a table that disagrees leaves an old panorama.
+        if let Err(error) = self.lut.unwarp(&frame.gray, self.motion.next_picture()) {
             debug_assert!(false, "{error}");
         }
     }
 
     fn change(&mut self, frame: &Frame) {
-        let Ok(change) = self.motion.change(&self.panorama, frame.capture) else { return };
+        let change = self.motion.change_drawn(frame.capture);
         self.seen.stages.0 |= Stages::MOTION;
         self.seen.motion = change.motion;
         self.seen.events.extend(change.alarm);
@@ -225,7 +223,7 @@ impl Pipeline {
 
     fn find_peers(&mut self, frame: &Frame) {
         let Some(detector) = &mut self.peer_detector else { return };
-        let peers = detector.follow(&frame.gray, &self.panorama);
+        let peers = detector.follow(&frame.gray, self.motion.drawn());
         self.seen.sightings = peers.iter().map(Peer::to_sighting).collect();
         self.seen.sightings.truncate(MAX_SIGHTINGS);
         self.peer_bearings = self.seen.sightings.iter().map(PeerBearing::of).collect();
@@ -234,7 +232,7 @@ impl Pipeline {
 
     /// A picture for people, encoded.
     pub fn picture(&self, kind: PictureKind) -> Result<Vec<u8>, String> {
-        let (gallery, panorama) = (&self.gallery, &self.panorama);
+        let (gallery, panorama) = (&self.gallery, self.motion.drawn());
         let (tracks, view) = (self.tracker.tracks(), self.tracker.view());
         let encoded = match kind {
             PictureKind::Panorama => picture::encode_jpeg(&gallery.panorama(panorama, &tracks, view), JPEG_QUALITY),

@@ -248,7 +248,8 @@ impl Background {
         faint: &mut [u64],
         strong: &mut [u64],
     ) {
-        if !self.any_known {
+        let row = first / LOOKS..(first + width).div_ceil(LOOKS);
+        if !self.any_known || self.known[row].iter().fold(0, |any, known| any | known) == 0 {
             return;
         }
         for (w, (faint, strong)) in faint.iter_mut().zip(strong).enumerate() {

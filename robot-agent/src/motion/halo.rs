@@ -19,6 +19,8 @@ pub(crate) struct Halo {
     maxima: Vec<u8>,
     /// Of a row of cells and those above and below.
     column: Vec<u8>,
+    /// Below which marks are taken away in each cell of that row.
+    thresholds: Vec<u8>,
     row: Vec<u8>,
 }
 
@@ -26,7 +28,14 @@ impl Halo {
     pub(crate) fn new(raster: Raster) -> Self {
         let cells = [raster.width.div_ceil(CELL), raster.height.div_ceil(CELL)];
         let maxima = vec![0; cells[0] * cells[1]];
-        Self { raster, cells, maxima, column: vec![0; cells[0]], row: vec![0; cells[0] * CELL] }
+        Self {
+            raster,
+            cells,
+            maxima,
+            column: vec![0; cells[0]],
+            thresholds: vec![0; cells[0]],
+            row: vec![0; cells[0] * CELL],
+        }
     }
 
     /// The strongest change of each column of a band of [`CELL`] rows so far: to be raised while the band is marked, and then
@@ -54,30 +63,16 @@ impl Halo {
                     kernel::raise(&self.maxima[near * columns..][..columns], &mut self.column);
                 }
             }
-            let threshold = |most: u8| ((u16::from(most) * u16::from(share_q8)) >> 8) as u8;
-            for x in 0..columns {
-                let left = if x > 0 {
-                    x - 1
-                } else if wraps {
-                    columns - 1
-                } else {
-                    0
-                };
-                let right = if x + 1 < columns {
-                    x + 1
-                } else if wraps {
-                    0
-                } else {
-                    x
-                };
-                let most = self.column[left].max(self.column[x]).max(self.column[right]);
-                self.row[x * CELL..][..CELL].fill(threshold(most));
-            }
+            kernel::thresholds(&self.column, wraps, share_q8, &mut self.thresholds);
             for word in 0..marks.stride() {
                 let columns = word * WORD..((word + 1) * WORD).min(width);
+                let cells = word * WORD / CELL..columns.end.div_ceil(CELL);
                 // Where something is to be taken away.
-                if self.row[columns.clone()].iter().step_by(CELL).all(|most| *most <= least) {
+                if self.thresholds[cells.clone()].iter().fold(0, |most, t| most.max(*t)) <= least {
                     continue;
+                }
+                for (cell, threshold) in cells.clone().zip(&self.thresholds[cells]) {
+                    self.row[cell * CELL..][..CELL].fill(*threshold);
                 }
                 for y in band * CELL..((band + 1) * CELL).min(height) {
                     let pixels = y * width + columns.start..y * width + columns.end;

@@ -6,15 +6,19 @@
 
 use std::sync::OnceLock;
 
+#[cfg(target_arch = "x86_64")]
+mod avx2;
 mod learn;
 mod mark;
 mod median;
 mod planes;
+mod products;
 
 pub use learn::{Counting, KEEP, LEARN, LEARN_SLOWLY, Looks, count_looks, learn};
 pub use mark::{Compared, INDOOR_NOISE_MAX, Layers, NOISE_MAX, count_differences, known_look, mark_changes};
 pub use median::median;
 pub use planes::{COLUMN_PLANES, PLANES, majority_of_counts, slide_counts};
+pub use products::products_by_fours;
 
 /// Compiles a function for any processor, for AVX2 and for AVX-512, and calls the best that this one has.
 macro_rules! wide {
@@ -153,6 +157,22 @@ pub fn raise(values: &[u8], most: &mut [u8]) {
 }
 
 wide! {
+/// A share (of 256) of the largest of each value and its two neighbours; the first and the last are neighbours on a ring. At least
+/// two values.
+pub fn thresholds(values: &[u8], wraps: bool, share_q8: u8, out: &mut [u8]) {
+    let n = values.len();
+    let share = |most: u8| ((u16::from(most) * u16::from(share_q8)) >> 8) as u8;
+    let (left, middle, right) = (&values[..n - 2], &values[1..n - 1], &values[2..]);
+    for (((o, l), m), r) in out[1..n - 1].iter_mut().zip(left).zip(middle).zip(right) {
+        *o = share((*l).max(*m).max(*r));
+    }
+    let over_seam = if wraps { values[0].max(values[n - 1]) } else { 0 };
+    out[0] = share(values[0].max(values[1]).max(over_seam));
+    out[n - 1] = share(values[n - 1].max(values[n - 2]).max(over_seam));
+}
+}
+
+wide! {
 /// The largest of each eight values, of a length that eight divides. `values` are lost.
 pub fn largest_of_eights(values: &mut [u8], out: &mut [u8]) {
     // Each value becomes the largest of itself and the next 1, then 3, then 7.
@@ -177,40 +197,6 @@ pub fn at_least(values: &[u8], least: &[u8]) -> u64 {
         large[i] = if values[i] >= least[i] { u8::MAX } else { 0 };
     }
     bits_of(&large)
-}
-}
-
-wide! {
-/// Sums over each four columns of a word of marks (its column 0 is pixel 0 of each slice, `width` pixels a row, as many rows
-/// as there are `marks`): picture², picture · background, background² in (1/8 grey level)², and noise², of marked pixels.
-/// Background and noise are 8.8 fixed point.
-pub fn products_by_fours(marks: &[u64], picture: &[u8], background: &[u16], noise: &[u16], width: usize) -> [[u32; 16]; 4] {
-    let mut sums = [[0u32; 64]; 4];
-    for (row, &bits) in marks.iter().enumerate() {
-        if bits == 0 {
-            continue;
-        }
-        let pixels = (row * width).min(picture.len())..(row * width + 64).min(picture.len());
-        let (c, b, s) = (padded(&picture[pixels.clone()]), padded(&background[pixels.clone()]), padded(&noise[pixels]));
-        for half in [0, 32] {
-            let bits = (bits >> half) as u32;
-            for k in 0..32 {
-                let (i, m) = (half + k, bits >> k & 1);
-                let (c, b, s) = (m * (u32::from(c[i]) << 3), m * u32::from(b[i] >> 5), m * u32::from(s[i]));
-                sums[0][i] += c * c;
-                sums[1][i] += c * b;
-                sums[2][i] += b * b;
-                sums[3][i] += s * s;
-            }
-        }
-    }
-    let mut fours = [[0u32; 16]; 4];
-    for (fours, sums) in fours.iter_mut().zip(&sums) {
-        for (four, sums) in fours.iter_mut().zip(sums.as_chunks::<4>().0) {
-            *four = sums[0] + sums[1] + sums[2] + sums[3];
-        }
-    }
-    fours
 }
 }
 
@@ -259,6 +245,20 @@ pub fn ratio_bins(picture: &[u8], background: &[u16], valid: &[u8], least: u16, 
         let bin = ratio.min(f32::from(2 * bins - 1)) as u16;
         out[i] = if usable { bin } else { u16::MAX };
     }
+}
+}
+
+wide! {
+/// Of at most 255 pixels that are valid: how many there are, how many are black, how many saturated.
+pub fn count_extremes(picture: &[u8], valid: &[u8]) -> [usize; 3] {
+    let (mut n, mut dark, mut bright) = (0u8, 0u8, 0u8);
+    for (&p, &v) in picture.iter().zip(valid) {
+        let v = v.min(1);
+        n = n.wrapping_add(v);
+        dark = dark.wrapping_add(v & u8::from(p <= 2));
+        bright = bright.wrapping_add(v & u8::from(p >= 253));
+    }
+    [n, dark, bright].map(usize::from)
 }
 }
 

@@ -7,7 +7,7 @@
 
 use std::ops::Range;
 
-use super::marks::{Marks, WORD};
+use super::marks::{Marks, WORD, bits_between};
 use super::raster::{Arc, Raster};
 
 /// Most runs looked at in one mask; later ones (lower in the picture) are left out.
@@ -87,12 +87,12 @@ impl Region {
         Self::from_runs(runs, raster, &mut Vec::new())
     }
 
-    fn from_runs(runs: Vec<Run>, raster: &Raster, columns: &mut Vec<u8>) -> Self {
+    fn from_runs(runs: Vec<Run>, raster: &Raster, columns: &mut Vec<u64>) -> Self {
         columns.clear();
-        columns.resize(raster.width, 0);
+        columns.resize(raster.width.div_ceil(WORD), 0);
         let (mut area, mut sum_y) = (0usize, 0usize);
         for r in &runs {
-            columns[r.start as usize..(r.start + r.len) as usize].fill(1);
+            mark_columns(columns, r.start as usize, (r.start + r.len) as usize);
             area += r.len as usize;
             sum_y += r.len as usize * r.row as usize;
         }
@@ -134,7 +134,7 @@ pub(super) struct Grouping {
     parent: Vec<u32>,
     /// Marked pixels of the region whose first run of squares this is, later its place among those that are large enough.
     areas: Vec<usize>,
-    columns: Vec<u8>,
+    columns: Vec<u64>,
 }
 
 /// Runs in the order of rows.
@@ -155,6 +155,10 @@ impl Grouping {
         parent.clear();
         parent.extend(0..square_runs.all.len() as u32);
         join_touching(square_runs, raster, parent);
+        // No parent comes after its child: one pass makes each a root.
+        for i in 0..parent.len() {
+            parent[i] = parent[parent[i] as usize];
+        }
         areas.clear();
         areas.resize(parent.len(), 0);
         for_roots(runs, square_runs, parent, raster, |run, root| areas[root] += run.len as usize);
@@ -219,7 +223,7 @@ fn spread_by_one(row: &mut [u64], raster: &Raster) {
 }
 
 /// Each run with the root of the run of squares that it lies in.
-fn for_roots(runs: &Runs, squares: &Runs, parent: &mut [u32], raster: &Raster, mut f: impl FnMut(Run, usize)) {
+fn for_roots(runs: &Runs, squares: &Runs, roots: &[u32], raster: &Raster, mut f: impl FnMut(Run, usize)) {
     for y in 0..raster.height {
         let mut square = squares.row_starts[y];
         for run in &runs.all[runs.row_starts[y]..runs.row_starts[y + 1]] {
@@ -228,7 +232,7 @@ fn for_roots(runs: &Runs, squares: &Runs, parent: &mut [u32], raster: &Raster, m
                 square += 1;
             }
             if square < squares.row_starts[y + 1] {
-                f(*run, find(parent, square as u32) as usize);
+                f(*run, roots[square] as usize);
             }
         }
     }
@@ -329,29 +333,45 @@ fn join(parent: &mut [u32], a: u32, b: u32) -> u32 {
     root
 }
 
+/// Marks some columns, 64 a word.
+fn mark_columns(columns: &mut [u64], start: usize, end: usize) {
+    for (w, word) in columns.iter_mut().enumerate().take(end.div_ceil(WORD)).skip(start / WORD) {
+        *word |= bits_between(w, start, end);
+    }
+}
+
+/// The first column from `from` on that is marked, or that is not; the width where there is none.
+fn next_column(columns: &[u64], from: usize, marked: bool, width: usize) -> usize {
+    let flip = if marked { 0 } else { u64::MAX };
+    let mut below = from % WORD;
+    for (w, word) in columns.iter().enumerate().skip(from / WORD) {
+        let found = (word ^ flip) >> below << below;
+        if found != 0 {
+            return (w * WORD + found.trailing_zeros() as usize).min(width);
+        }
+        below = 0;
+    }
+    width
+}
+
 /// The complement of the longest stretch of empty columns (the first of equals).
-fn covering_arc(columns: &[u8], raster: &Raster) -> Arc {
+fn covering_arc(columns: &[u64], raster: &Raster) -> Arc {
     let w = raster.width;
-    let Some(first) = columns.iter().position(|&c| c != 0) else {
-        return Arc { start: 0, width: 1 };
-    };
-    let last = columns.iter().rposition(|&c| c != 0).unwrap_or(first);
+    let first = next_column(columns, 0, true, w);
+    let Some(last) = columns.iter().rposition(|&word| word != 0) else { return Arc { start: 0, width: 1 } };
+    let last = last * WORD + WORD - 1 - columns[last].leading_zeros() as usize;
     if !raster.wraps {
         return Arc { start: first, width: last - first + 1 };
     }
     // The empty stretch over the seam, then those between.
     let (mut best, mut best_end) = (first + w - 1 - last, first);
-    let mut x = first;
-    while x <= last {
-        if columns[x] != 0 {
-            x += 1;
-            continue;
-        }
-        let end = x + columns[x..].iter().position(|&c| c != 0).unwrap_or(w - x);
+    let mut x = next_column(columns, first, false, w);
+    while x < last {
+        let end = next_column(columns, x, true, w);
         if end - x > best {
             (best, best_end) = (end - x, end);
         }
-        x = end;
+        x = next_column(columns, end, false, w);
     }
     Arc { start: best_end % w, width: w - best }
 }

@@ -2,7 +2,7 @@
 
 use protocol::time::Timestamp;
 
-use super::gain;
+use super::{gain, kernel};
 
 /// A camera's noise makes every picture another one: the same one for so long, and so often, is an old one.
 const FROZEN_S: f64 = 2.0;
@@ -11,13 +11,9 @@ const FROZEN_FRAMES: u32 = 8;
 /// All black or all white is no picture. Looks at a sparse sample.
 pub(super) fn failure(picture: &[u8], valid: &[u8]) -> Option<&'static str> {
     let (mut n, mut dark, mut bright) = (0, 0, 0);
-    for i in gain::sample(picture.len()).flatten() {
-        let p = picture[i];
-        if valid[i] != 0 {
-            n += 1;
-            dark += usize::from(p <= 2);
-            bright += usize::from(p >= 253);
-        }
+    for run in gain::sample(picture.len()) {
+        let [tested, black, white] = kernel::count_extremes(&picture[run.clone()], &valid[run]);
+        (n, dark, bright) = (n + tested, dark + black, bright + white);
     }
     if n > 0 && 100 * dark >= 98 * n {
         Some("the picture is black")

@@ -141,23 +141,35 @@ impl Shadow {
 }
 
 kernel::wide! {
-/// Marks of each four columns of some rows of words, one below the other.
+/// Marks of each four columns of at most six rows of words, one below the other.
 fn count_fours(rows: &[u64], counts: &mut [[u8; BLOCKS]]) {
     let stride = counts.len();
+    let (upper, lower) = rows.split_at((3 * stride).min(rows.len()));
     for (word, counts) in counts.iter_mut().enumerate() {
-        let mut sums = [0u8; BLOCKS];
-        for row in rows.chunks_exact(stride) {
-            let w = row[word];
-            let twos = w - (w >> 1 & 0x5555_5555_5555_5555);
-            let fours = (twos & 0x3333_3333_3333_3333) + (twos >> 2 & 0x3333_3333_3333_3333);
-            let nibbles = fours.to_le_bytes();
-            for (sums, nibble) in sums.as_chunks_mut::<2>().0.iter_mut().zip(nibbles) {
-                *sums = [sums[0] + (nibble & 15), sums[1] + (nibble >> 4)];
-            }
+        // The counts of three rows fit four bits.
+        let (upper, lower) = (nibbles(upper, word, stride), nibbles(lower, word, stride));
+        let even = (upper & EVEN) + (lower & EVEN);
+        let odd = (upper >> 4 & EVEN) + (lower >> 4 & EVEN);
+        for ((counts, even), odd) in counts.as_chunks_mut::<2>().0.iter_mut().zip(even.to_le_bytes()).zip(odd.to_le_bytes()) {
+            *counts = [even, odd];
         }
-        *counts = sums;
     }
 }
+}
+
+/// Every second four bits.
+const EVEN: u64 = 0x0f0f_0f0f_0f0f_0f0f;
+
+/// Marks of each four columns of a word in at most three rows, four bits each.
+#[inline(always)]
+fn nibbles(rows: &[u64], word: usize, stride: usize) -> u64 {
+    let mut sum = 0;
+    for row in rows.chunks_exact(stride) {
+        let w = row[word];
+        let twos = w - (w >> 1 & 0x5555_5555_5555_5555);
+        sum += (twos & 0x3333_3333_3333_3333) + (twos >> 2 & 0x3333_3333_3333_3333);
+    }
+    sum
 }
 
 kernel::wide! {

@@ -43,7 +43,7 @@ impl Histogram {
         }
         let mut bins = [0.0; 2 * BINS];
         for (bins, [even, odd]) in bins.chunks_exact_mut(BINS).zip(&counts) {
-            for (p, (a, b)) in even.iter().zip(odd).enumerate() {
+            for (p, (a, b)) in even.iter().zip(odd).enumerate().filter(|(_, (a, b))| *a + *b > 0) {
                 // Shared between neighbouring bins, so that a slightly brighter light moves little.
                 let position = (p as f64 / 256.0 * BINS as f64 - 0.5).max(0.0);
                 let (bin, part, count) = (position as usize, position.fract(), f64::from(a + b));

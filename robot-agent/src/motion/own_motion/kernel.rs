@@ -1,10 +1,11 @@
-//! Sums for the sector fits, sixteen columns at a time so that they vectorise, and the match of column profiles over the ring.
+//! Sums for the sector fits, sixteen columns at a time in whole quarters of grey levels, and the match of column profiles over
+//! the ring.
 
 use std::ops::Range;
 
 use nalgebra::{Matrix4, Vector4};
 
-use crate::motion::kernel::wide;
+use crate::motion::kernel::{Level, available, wide};
 use crate::motion::raster::Raster;
 
 const TERMS: usize = 15;
@@ -23,6 +24,11 @@ const XR: usize = 11;
 const YY: usize = 12;
 const YR: usize = 13;
 const RR: usize = 14;
+/// What a unit of each whole sum is, grey levels (squared): values are quarters, gradients over two pixels eighths.
+const UNITS: [f64; TERMS] = {
+    let (v, g) = (1.0 / 4.0, 1.0 / 8.0);
+    [1.0, v, g, g, v, v * v, v * g, v * g, v * v, g * g, g * g, g * v, g * g, g * v, v * v]
+};
 
 /// Sums over a sector of products of: weight, reference (P), its gradients (X, Y) and the change (R).
 #[derive(Debug)]
@@ -81,23 +87,23 @@ const LANES: usize = 16;
 const ROW_STEP: usize = 3;
 const ROWS: usize = 54;
 
-/// Grey levels of a reference.
+/// A grey level in whole quarters.
 trait Gray: Copy {
-    fn gray(self) -> f32;
+    fn quarters(self) -> i16;
 }
 
 impl Gray for u8 {
     #[inline(always)]
-    fn gray(self) -> f32 {
-        f32::from(self)
+    fn quarters(self) -> i16 {
+        i16::from(self) << 2
     }
 }
 
 /// 8.8 fixed point.
 impl Gray for u16 {
     #[inline(always)]
-    fn gray(self) -> f32 {
-        f32::from(self) * (1.0 / 256.0)
+    fn quarters(self) -> i16 {
+        (self >> 6) as i16
     }
 }
 
@@ -115,77 +121,127 @@ pub(super) fn against_background(reference: &[u16], picture: &[u8], valid: &[u8]
 }
 }
 
+/// Sums in pairs of lanes: two columns of at most 72 rows of products below 2²⁰.
+type Lanes = [[i32; LANES / 2]; TERMS];
+type Columns = [i16; LANES];
+
 #[inline(always)]
 fn sums<T: Gray>(reference: &[T], picture: &[u8], valid: &[u8], raster: &Raster, columns: Range<usize>) -> Sums {
     let Raster { width, height, wraps } = *raster;
     let row_step = (height / ROWS).max(ROW_STEP);
-    let mut total = [0f64; TERMS];
-    let mut lanes = [[0f32; LANES]; TERMS];
+    let mut total = [0i64; TERMS];
+    let level = available();
     for x0 in columns.clone().step_by(LANES) {
         // The column of each lane and its neighbours; columns beyond the sector or without a gradient have no weight.
         let at: [usize; LANES + 2] = std::array::from_fn(|i| {
             let x = x0 + i + width - 1;
             if wraps { x % width } else { x.saturating_sub(width).min(width - 1) }
         });
-        let inside: [f32; LANES] = std::array::from_fn(|l| {
+        let inside: Columns = std::array::from_fn(|l| {
             let x = x0 + l;
-            f32::from(u8::from(x < columns.end && (wraps || (x > 0 && x + 1 < width))))
+            -i16::from(x < columns.end && (wraps || (x > 0 && x + 1 < width)))
         });
         let plain = x0 > 0 && x0 + LANES < width;
-        lanes.fill([0.0; LANES]);
+        let mut lanes = [[0; LANES / 2]; TERMS];
         for y in (1..height.saturating_sub(1)).step_by(row_step) {
             let i = y * width;
             let row = &reference[i..i + width];
-            let (left, row, right) = (
-                columns_of(row, x0, 0, plain, &at),
+            let around = [
                 columns_of(row, x0, 1, plain, &at),
+                columns_of(row, x0, 0, plain, &at),
                 columns_of(row, x0, 2, plain, &at),
-            );
-            let above = columns_of(&reference[i - width..i], x0, 1, plain, &at);
-            let below = columns_of(&reference[i + width..i + 2 * width], x0, 1, plain, &at);
+                columns_of(&reference[i - width..i], x0, 1, plain, &at),
+                columns_of(&reference[i + width..i + 2 * width], x0, 1, plain, &at),
+            ];
             let now = columns_of(&picture[i..i + width], x0, 1, plain, &at);
-            let tested = columns_of(&valid[i..i + width], x0, 1, plain, &at);
-            for l in 0..LANES {
-                let w = tested[l] * inside[l];
-                let p = w * (row[l] - 128.0);
-                let x = w * 0.5 * (right[l] - left[l]);
-                let y = w * 0.5 * (below[l] - above[l]);
-                let r = w * (now[l] - row[l]);
-                lanes[W][l] += w;
-                lanes[P][l] += p;
-                lanes[X][l] += x;
-                lanes[Y][l] += y;
-                lanes[R][l] += r;
-                lanes[PP][l] += p * p;
-                lanes[PX][l] += p * x;
-                lanes[PY][l] += p * y;
-                lanes[PR][l] += p * r;
-                lanes[XX][l] += x * x;
-                lanes[XY][l] += x * y;
-                lanes[XR][l] += x * r;
-                lanes[YY][l] += y * y;
-                lanes[YR][l] += y * r;
-                lanes[RR][l] += r * r;
+            let mut tested = columns_of(&valid[i..i + width], x0, 1, plain, &at);
+            for (tested, inside) in tested.iter_mut().zip(inside) {
+                *tested = if *tested != 0 { inside } else { 0 };
             }
+            add_products(level, &around, &now, &tested, &mut lanes);
         }
         for (t, row) in total.iter_mut().zip(&lanes) {
-            *t += row.iter().map(|&v| f64::from(v)).sum::<f64>();
+            *t += row.iter().map(|&v| i64::from(v)).sum::<i64>();
         }
     }
-    Sums(total)
+    Sums(std::array::from_fn(|t| total[t] as f64 * UNITS[t]))
 }
 
-/// Sixteen columns of a row in grey levels, from place `shift` of `at` on: column `x0` + `shift` − 1, where that is `plain`.
+/// Adds the products of sixteen pixels: `around` is the reference there, left, right, above and below; `tested` is −1 or 0.
 #[inline(always)]
-fn columns_of<T: Gray>(row: &[T], x0: usize, shift: usize, plain: bool, at: &[usize; LANES + 2]) -> [f32; LANES] {
-    let mut out = [0.0; LANES];
+fn add_products(level: Level, around: &[Columns; 5], now: &Columns, tested: &Columns, lanes: &mut Lanes) {
+    #[cfg(target_arch = "x86_64")]
+    if level >= Level::Avx2 {
+        // SAFETY: the processor has these instructions.
+        return unsafe { add_products_avx2(around, now, tested, lanes) };
+    }
+    #[cfg(not(target_arch = "x86_64"))]
+    let _ = level;
+    let [row, left, right, above, below] = around;
+    for l in 0..LANES {
+        let w = tested[l];
+        let [p, x, y, r] =
+            [row[l] - 512, right[l] - left[l], below[l] - above[l], now[l] - row[l]].map(|v| i32::from(v & w));
+        let terms = [i32::from(-w), p, x, y, r, p * p, p * x, p * y, p * r, x * x, x * y, x * r, y * y, y * r, r * r];
+        for (sums, term) in lanes.iter_mut().zip(terms) {
+            sums[l / 2] += term;
+        }
+    }
+}
+
+/// The same.
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx2")]
+#[inline]
+fn add_products_avx2(around: &[Columns; 5], now: &Columns, tested: &Columns, lanes: &mut Lanes) {
+    use std::arch::x86_64::*;
+    // SAFETY: 32 bytes are read of 32; the pointers need not be aligned.
+    let load = |columns: &Columns| unsafe { _mm256_loadu_si256(columns.as_ptr().cast()) };
+    let [row, left, right, above, below] = [0, 1, 2, 3, 4].map(|i: usize| load(&around[i]));
+    let w = load(tested);
+    let masked = |v| _mm256_and_si256(v, w);
+    let p = masked(_mm256_sub_epi16(row, _mm256_set1_epi16(512)));
+    let (x, y) = (masked(_mm256_sub_epi16(right, left)), masked(_mm256_sub_epi16(below, above)));
+    let r = masked(_mm256_sub_epi16(load(now), row));
+    let one = _mm256_set1_epi16(1);
+    let pairs = [
+        (w, w),
+        (p, one),
+        (x, one),
+        (y, one),
+        (r, one),
+        (p, p),
+        (p, x),
+        (p, y),
+        (p, r),
+        (x, x),
+        (x, y),
+        (x, r),
+        (y, y),
+        (y, r),
+        (r, r),
+    ];
+    for (sums, (a, b)) in lanes.iter_mut().zip(pairs) {
+        let products = _mm256_madd_epi16(a, b);
+        // SAFETY: 32 bytes are read and written of 32.
+        unsafe {
+            let before = _mm256_loadu_si256(sums.as_ptr().cast());
+            _mm256_storeu_si256(sums.as_mut_ptr().cast(), _mm256_add_epi32(before, products));
+        }
+    }
+}
+
+/// Sixteen columns of a row, from place `shift` of `at` on: column `x0` + `shift` − 1, where that is `plain`.
+#[inline(always)]
+fn columns_of<T: Gray>(row: &[T], x0: usize, shift: usize, plain: bool, at: &[usize; LANES + 2]) -> Columns {
+    let mut out = [0; LANES];
     if plain && let Some(values) = row[x0 + shift - 1..].first_chunk::<LANES>() {
         for l in 0..LANES {
-            out[l] = values[l].gray();
+            out[l] = values[l].quarters();
         }
     } else {
         for (o, x) in out.iter_mut().zip(&at[shift..]) {
-            *o = row[*x].gray();
+            *o = row[*x].quarters();
         }
     }
     out

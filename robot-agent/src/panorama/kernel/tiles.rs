@@ -7,17 +7,19 @@
 //! fall on the same lines of the cache, do no harm then, and the table needs four bytes a pixel.
 //!
 //! ```text
-//! copy    … a c │ b d …               a b: pixels of a row, c d: those below them; one word
+//! copy    … a c │ b d …               a b: pixels of a row, c d: those below them, all less 128; one word
 //! left    256 a + (c − a) fy          right  256 b + (d − b) fy
-//! value   (256 left + (right − left) fx + 2¹⁵) >> 16
+//! value   ((256 − fx) left + fx right + 2²³ + 2¹⁵) >> 16
 //! ```
+//! With 128 taken away both sums fit 16 signed bits, so that AVX2 works on sixteen at a time and adds left and right up in one
+//! instruction.
 
 use std::collections::BTreeMap;
 use std::ops::Range;
 use std::sync::{Arc, Mutex};
 
 use super::super::LutEntry;
-use crate::motion::kernel::wide;
+use crate::motion::kernel::{Level, available, wide};
 
 /// Columns of a tile.
 const COLUMNS: usize = 64;
@@ -27,8 +29,8 @@ const MOST_PIXELS: usize = 14 * 1024;
 const BLOCK: usize = 32;
 /// Bytes of the copy: all that 16-bit offsets reach.
 const COPY_BYTES: usize = 2 * (1 << 16) + 2;
-/// Rows of a tile that are worked on together.
-const TOGETHER: usize = 4;
+/// Rows of a tile between which source is fetched.
+const FETCH_ROWS: usize = 4;
 /// Bytes of a line of the cache.
 const LINE: usize = 64;
 
@@ -37,8 +39,9 @@ const LINE: usize = 64;
 pub(crate) struct Tiles {
     tiles: Vec<Tile>,
     spans: Vec<Span>,
-    /// Places in the tile's copy, and fx | fy << 8.
+    /// Places in the tile's copy.
     offsets: Vec<u16>,
+    /// fx | fy << 8, those of each sixteen pixels in the order of [`weight_place`].
     weights: Vec<u16>,
     /// Pixels with a weight of 256, which eight bits do not hold: at the source's last column or row.
     rim: Vec<(u32, LutEntry)>,
@@ -149,15 +152,17 @@ impl Tiles {
             base += length;
         }
         for v in first..end {
+            let mut weights = [0; COLUMNS];
             for (i, entry) in row(v).iter().enumerate() {
                 let (offset, weight) = place(entry);
                 let base = bases.get(&(offset / stride))?;
                 self.offsets.push(u16::try_from(offset as isize + base).ok()?);
-                self.weights.push(weight.unwrap_or(0));
+                weights[weight_place(i)] = weight.unwrap_or(0);
                 if weight.is_none() {
                     self.rim.push(((v * self.width + column + i) as u32, *entry));
                 }
             }
+            self.weights.extend_from_slice(&weights);
         }
         self.tiles.push(Tile { column, rows: first..end, spans: spans..self.spans.len() });
         Some(end)
@@ -201,56 +206,56 @@ fn in_eight_bits(entry: LutEntry, [stride, rows]: [usize; 2]) -> Option<(u32, u1
     (fx < 256 && fy < 256).then_some((offset, fx | fy << 8))
 }
 
-wide! {
+/// Where the weights of a pixel are: AVX2 works in halves, one of pixels 0 … 3 and 8 … 11, the other of 4 … 7 and 12 … 15.
+const fn weight_place(i: usize) -> usize {
+    i & !12 | (i & 4) << 1 | (i & 8) >> 1
+}
+
 /// All tiles, one after the other.
 fn work(tiles: &Tiles, source: &[u8], copy: &mut [u8; COPY_BYTES], out: &mut [u8]) {
     let (stride, width) = (tiles.stride, tiles.width);
     let (mut offsets, mut weights) = (tiles.offsets.as_chunks::<COLUMNS>().0, tiles.weights.as_chunks::<COLUMNS>().0);
-    let mut words = [[0u32; COLUMNS]; TOGETHER];
+    let level = available();
     for (t, tile) in tiles.tiles.iter().enumerate() {
         fill(copy, source, stride, &tiles.spans[tile.spans.clone()]);
         let next = tiles.tiles.get(t + 1).map_or(&[][..], |next| &tiles.spans[next.spans.clone()]);
-        let (rows, mut fetched) = (tile.rows.len(), 0);
-        // Some rows are collected before the first of them is worked on: what was just stored in small pieces cannot be read
-        // at once in a large one.
-        for first in (0..rows).step_by(TOGETHER) {
-            let n = TOGETHER.min(rows - first);
-            let until = next.len() * (first + n) / rows;
-            fetch(source, &next[fetched..until]);
-            fetched = until;
-            let (Some((here, later)), Some((weight, later_weights))) =
-                (offsets.split_at_checked(n), weights.split_at_checked(n))
+        let mut fetched = 0;
+        for (k, v) in tile.rows.clone().enumerate() {
+            if k % FETCH_ROWS == 0 {
+                let until = (next.len() * (k + FETCH_ROWS) / tile.rows.len()).min(next.len());
+                fetch(source, &next[fetched..until]);
+                fetched = until;
+            }
+            let (Some((row, later)), Some((weight, later_weights))) = (offsets.split_first(), weights.split_first())
             else {
                 return;
             };
-            collect(copy, here, &mut words);
-            for (k, (words, weights)) in words.iter().zip(weight).enumerate() {
-                let v = tile.rows.start + first + k;
-                if let Some(out) = out[v * width + tile.column..].first_chunk_mut() {
-                    interpolate(words, weights, out);
-                }
+            if let Some(out) = out[v * width + tile.column..].first_chunk_mut() {
+                sample_row(level, copy, row, weight, out);
             }
             (offsets, weights) = (later, later_weights);
         }
     }
 }
-}
 
-/// Copies the spans, each pixel beside the one below it.
-#[inline(always)]
+wide! {
+/// Copies the spans, each pixel beside the one below it, less 128.
 fn fill(copy: &mut [u8; COPY_BYTES], source: &[u8], stride: usize, spans: &[Span]) {
-    let mut blocks = copy.as_chunks_mut::<{ 2 * BLOCK }>().0.iter_mut();
+    let mut blocks = copy.as_chunks_mut::<{ 2 * BLOCK }>().0;
     for span in spans {
         let length = span.blocks as usize * BLOCK;
         let upper = &source[span.start as usize..][..length];
         let lower = &source[span.start as usize + stride..][..length];
+        let Some((here, later)) = blocks.split_at_mut_checked(span.blocks as usize) else { return };
         let pairs = upper.as_chunks::<BLOCK>().0.iter().zip(lower.as_chunks::<BLOCK>().0);
-        for ((upper, lower), block) in pairs.zip(&mut blocks) {
+        for ((upper, lower), block) in pairs.zip(here) {
             for (pair, (a, c)) in block.as_chunks_mut::<2>().0.iter_mut().zip(upper.iter().zip(lower)) {
-                *pair = [*a, *c];
+                *pair = [*a ^ 128, *c ^ 128];
             }
         }
+        blocks = later;
     }
+}
 }
 
 /// Fetches spans into the cache.
@@ -258,40 +263,100 @@ fn fill(copy: &mut [u8; COPY_BYTES], source: &[u8], stride: usize, spans: &[Span
 fn fetch(source: &[u8], spans: &[Span]) {
     #[cfg(target_arch = "x86_64")]
     for span in spans {
-        let pixels = span.start as usize..(span.start + span.blocks * BLOCK as u32) as usize;
-        for line in source.get(pixels).unwrap_or(&[]).chunks(LINE) {
+        let Some(pixels) = source.get(span.start as usize..) else { return };
+        let mut line = pixels.as_ptr();
+        for _ in 0..(span.blocks as usize * BLOCK).div_ceil(LINE) {
             use std::arch::x86_64::{_MM_HINT_T0, _mm_prefetch};
-            // SAFETY: a hint on a place inside the source; nothing is read.
-            unsafe { _mm_prefetch::<_MM_HINT_T0>(line.as_ptr().cast()) };
+            // SAFETY: a hint; nothing is read.
+            unsafe { _mm_prefetch::<_MM_HINT_T0>(line.cast()) };
+            line = line.wrapping_add(LINE);
         }
     }
     #[cfg(not(target_arch = "x86_64"))]
     let _ = (source, spans, LINE);
 }
 
-/// The four pixels of each sample of some rows. Not compiled for wider vectors: one load a pixel is faster than a gather
-/// instruction.
-#[inline(never)]
-fn collect(copy: &[u8; COPY_BYTES], offsets: &[[u16; COLUMNS]], words: &mut [[u32; COLUMNS]; TOGETHER]) {
-    for (words, offsets) in words.iter_mut().zip(offsets) {
-        for (word, offset) in words.iter_mut().zip(offsets) {
-            let at = 2 * usize::from(*offset);
-            *word = u32::from_le_bytes([copy[at], copy[at + 1], copy[at + 2], copy[at + 3]]);
-        }
+/// A row of a tile.
+#[inline(always)]
+fn sample_row(
+    level: Level,
+    copy: &[u8; COPY_BYTES],
+    offsets: &[u16; COLUMNS],
+    weights: &[u16; COLUMNS],
+    out: &mut [u8; COLUMNS],
+) {
+    #[cfg(target_arch = "x86_64")]
+    if level >= Level::Avx2 {
+        // SAFETY: the processor has these instructions.
+        return unsafe { sample_row_avx2(copy, offsets, weights, out) };
+    }
+    #[cfg(not(target_arch = "x86_64"))]
+    let _ = level;
+    for (i, (out, offset)) in out.iter_mut().zip(offsets).enumerate() {
+        let [a, c, b, d] = word(copy, *offset).to_le_bytes().map(|p| i32::from(p as i8));
+        let weight = i32::from(weights[weight_place(i)]);
+        let (fx, fy) = (weight & 255, weight >> 8);
+        let (left, right) = (256 * a + (c - a) * fy, 256 * b + (d - b) * fy);
+        *out = (((256 - fx) * left + fx * right + (1 << 23) + (1 << 15)) >> 16) as u8;
     }
 }
 
-/// A row of a tile. Left and right are worked on together in halves of a word: what one half borrows from the other, it gives
-/// back with the sum.
+/// The four pixels of a sample.
 #[inline(always)]
-fn interpolate(words: &[u32; COLUMNS], weights: &[u16; COLUMNS], out: &mut [u8; COLUMNS]) {
-    for i in 0..COLUMNS {
-        let (word, fx, fy) = (words[i], u32::from(weights[i] & 255), u32::from(weights[i] >> 8));
-        let (upper, lower) = (word & 0x00ff_00ff, word >> 8 & 0x00ff_00ff);
-        let both = (upper << 8).wrapping_add(lower.wrapping_sub(upper).wrapping_mul(fy));
-        let (left, right) = (both & 0xffff, both >> 16);
-        let value = (left << 8).wrapping_add(right.wrapping_sub(left).wrapping_mul(fx)).wrapping_add(1 << 15);
-        out[i] = (value >> 16) as u8;
+fn word(copy: &[u8; COPY_BYTES], offset: u16) -> i32 {
+    let at = 2 * usize::from(offset);
+    i32::from_le_bytes([copy[at], copy[at + 1], copy[at + 2], copy[at + 3]])
+}
+
+/// The same, sixteen at a time. Each pixel is loaded on its own: that is faster than a gather instruction.
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx2")]
+fn sample_row_avx2(
+    copy: &[u8; COPY_BYTES],
+    offsets: &[u16; COLUMNS],
+    weights: &[u16; COLUMNS],
+    out: &mut [u8; COLUMNS],
+) {
+    use std::arch::x86_64::*;
+    let four = |at: &[u16; 4]| {
+        let first = _mm_cvtsi32_si128(word(copy, at[0]));
+        let two = _mm_insert_epi32::<1>(first, word(copy, at[1]));
+        _mm_insert_epi32::<3>(_mm_insert_epi32::<2>(two, word(copy, at[2])), word(copy, at[3]))
+    };
+    let eight = |at: [&[u16; 4]; 2]| _mm256_inserti128_si256::<1>(_mm256_castsi128_si256(four(at[0])), four(at[1]));
+    // SAFETY: 32 bytes are read of 32, and written; the pointers need not be aligned.
+    let load = |sixteen: &[u16; 16]| unsafe { _mm256_loadu_si256(sixteen.as_ptr().cast()) };
+    let store = |to: &mut [u8; 32], v| unsafe { _mm256_storeu_si256(to.as_mut_ptr().cast(), v) };
+    // The weights of four pixels of a half, each twice in 16 bits: fx of bytes 0, 2, 4, 6; fy beside; of the next four 8 on.
+    let fx = _mm256_setr_epi64x(
+        0x8002_8002_8000_8000_u64 as i64,
+        0x8006_8006_8004_8004_u64 as i64,
+        0x8002_8002_8000_8000_u64 as i64,
+        0x8006_8006_8004_8004_u64 as i64,
+    );
+    let later = _mm256_add_epi8(fx, _mm256_set1_epi16(8));
+    let next = _mm256_set1_epi16(1);
+    let (left_half, left_256) = (_mm256_set1_epi32(0xffff), _mm256_set1_epi32(257));
+    let offset = _mm256_set1_epi32((1 << 23) + (1 << 15));
+    let values = |words, weights, fx| {
+        let (x, y) = (_mm256_shuffle_epi8(weights, fx), _mm256_shuffle_epi8(weights, _mm256_add_epi8(fx, next)));
+        let upper = _mm256_slli_epi16::<8>(words);
+        let change = _mm256_sub_epi16(_mm256_srai_epi16::<8>(words), _mm256_srai_epi16::<8>(upper));
+        let sums = _mm256_add_epi16(upper, _mm256_mullo_epi16(change, y));
+        let x = _mm256_add_epi16(_mm256_xor_si256(x, left_half), left_256);
+        _mm256_srli_epi32::<16>(_mm256_add_epi32(_mm256_madd_epi16(sums, x), offset))
+    };
+    let sixteen = |at: &[[u16; 4]], weights| {
+        let (first, second) = (eight([&at[0], &at[1]]), eight([&at[2], &at[3]]));
+        _mm256_packus_epi32(values(first, weights, fx), values(second, weights, later))
+    };
+    let order = _mm256_setr_epi32(0, 4, 1, 5, 2, 6, 3, 7);
+    let blocks = offsets.as_chunks::<32>().0.iter().zip(weights.as_chunks::<32>().0);
+    for ((offsets, weights), out) in blocks.zip(out.as_chunks_mut::<32>().0) {
+        let (offsets, weights) = (offsets.as_chunks::<4>().0, weights.as_chunks::<16>().0);
+        let low = sixteen(&offsets[..4], load(&weights[0]));
+        let high = sixteen(&offsets[4..], load(&weights[1]));
+        store(out, _mm256_permutevar8x32_epi32(_mm256_packus_epi16(low, high), order));
     }
 }
 
