@@ -197,6 +197,14 @@ impl RimSearch {
     }
 }
 
+/// Pixels of a column about the line (how much higher, gray), and sums of their bearings and scales.
+#[derive(Clone, Default)]
+struct Column {
+    pixels: Vec<(f64, f64)>,
+    along: f64,
+    scale: f64,
+}
+
 /// One column across the line.
 struct Crossing {
     bearing_rad: f64,
@@ -299,8 +307,8 @@ impl PlateFinder {
     ) -> (Vec<Crossing>, usize) {
         let Some(scale) = samples.first().map(|s| f64::from(s.ray.px_per_bearing)) else { return (Vec::new(), 0) };
         let wide = difference(left, right);
-        let count = (wide * scale / COLUMN_PX).min(MOST_COLUMNS).max(1.0) as usize;
-        let mut columns: Vec<(Vec<(f64, f64)>, [f64; 2])> = vec![(Vec::new(), [0.0; 2]); count];
+        let count = (wide * scale / COLUMN_PX).clamp(1.0, MOST_COLUMNS) as usize;
+        let mut columns = vec![Column::default(); count];
         for sample in samples {
             let along = difference(f64::from(sample.ray.bearing_rad), right);
             let at = along / wide * count as f64;
@@ -310,17 +318,17 @@ impl PlateFinder {
             let (distance, height) = plane.meet(&sample.ray);
             let higher_px = (height - self.pillar.high_m()) / sample.ray.m_per_px(distance);
             if (-REACH_PX[1]..=REACH_PX[0]).contains(&higher_px) {
-                let (pixels, sums) = &mut columns[at as usize];
-                pixels.push((higher_px, sample.gray));
-                sums[0] += along;
-                sums[1] += f64::from(sample.ray.px_per_elevation);
+                let column = &mut columns[at as usize];
+                column.pixels.push((higher_px, sample.gray));
+                column.along += along;
+                column.scale += f64::from(sample.ray.px_per_elevation);
             }
         }
-        let crossing = |(pixels, [along, scale]): &(Vec<(f64, f64)>, [f64; 2])| {
-            let n = pixels.len() as f64;
-            let (higher_px, variance_px2, step, noise) = near::step_at(pixels, starts_px)?;
-            let bearing_rad = wrap(right + along / n);
-            Some(Crossing { bearing_rad, higher_px, variance_px2, step, noise, px_per_rad: scale / n })
+        let crossing = |column: &Column| {
+            let n = column.pixels.len() as f64;
+            let (higher_px, variance_px2, step, noise) = near::step_at(&column.pixels, starts_px)?;
+            let bearing_rad = wrap(right + column.along / n);
+            Some(Crossing { bearing_rad, higher_px, variance_px2, step, noise, px_per_rad: column.scale / n })
         };
         (columns.iter().filter_map(crossing).collect(), count)
     }
