@@ -79,6 +79,9 @@ const LEAST_RIM: f64 = 0.85;
 const LEAST_READ_RIM: f64 = 0.7;
 const LEAST_READ_BARS: usize = 3;
 const WORST_READ: f64 = 1.5;
+/// How far the only outline may be from where rings put it, pixels, and how many sigmas beyond [`BEND_GATE`] their bend may be.
+const LONE_WAY_PX: f64 = 0.8;
+const LONE_BEND: f64 = 2.5;
 /// With less than two outlines and this share of the columns it must be clear which bars they show.
 const LEAST_UNCLEAR: f64 = 0.7;
 /// A lone outline has nothing to contradict it: it may be half somebody else's. Pixels, beside noise and floor.
@@ -374,6 +377,9 @@ impl CylinderFinder {
         {
             return None;
         }
+        if seen == 1 && !has_bars && !is_trusty(rings, found.left.or(found.right)) {
+            return None;
+        }
         let edge = |fit: &Option<EdgeFit>, sign: f64| {
             fit.map(|fit| {
                 let bearing = protocol::angle::wrap(rings.bearing_rad + sign * (half + fit.outwards_rad));
@@ -494,6 +500,12 @@ impl CylinderFinder {
         let scale = camera.resolution(rings.bearing_rad, middle).map_or(200.0, |r| r.elevation_px_per_rad);
         (elevation, jacobian * covariance * jacobian.transpose(), ELEVATION_FLOOR_PX / scale)
     }
+}
+
+/// Whether the only outline is where the rings put it, and they bend as they should: a box's corner nearly does.
+fn is_trusty(rings: &RingFit, outline: Option<EdgeFit>) -> bool {
+    outline.is_some_and(|fit| (fit.outwards_rad * fit.px_per_rad).abs() < LONE_WAY_PX)
+        && rings.bend[0].abs() <= BEND_GATE + LONE_BEND * rings.bend[1]
 }
 
 /// Whether the rings bend as a cylinder's much rather than as a flat board's, which a single outline would not tell.
