@@ -227,6 +227,7 @@ impl PeerDetector {
         if raw.len() != w as usize * h as usize {
             return Vec::new();
         }
+        self.rays.measure_noise(raw);
         let mut found = Vec::new();
         for finder in &mut self.finders {
             let panorama = panorama.filter(|p| p.len() == finder.panorama_len());

@@ -30,9 +30,18 @@ const MODEL_SHARE: f64 = 0.08;
 const MOST_COST: f64 = 16.0;
 /// A mean cost of a column above which the pattern is not there.
 const WORST_MEAN_COST: f64 = 5.0;
+/// The same above which a name or a heading is not believed.
+const WORST_NAMED_COST: f64 = 3.0;
 /// The same where the marker's upper end is all that shows a body. In 40 rooms 50 true ones stayed below 0.86; legs, shelves and
 /// table tops, of which one even had an outline, were at 1 to 5.
 const WORST_RIM_COST: f64 = 1.2;
+/// Of a body of which the upper end was fitted alone, half of the columns with rings in view, if there are so many, correlate with
+/// them like this.
+const LEAST_RINGED: usize = 8;
+const LEAST_RINGED_CORRELATION: f64 = 0.8;
+/// A reading so good whose rivals cost this much more is of bars and nothing else.
+const WORST_CERTAIN: f64 = 2.5;
+const CERTAIN_COST: f64 = 60.0;
 /// Another reading must cost this much more for the best to stand (one in e⁶ at equal odds).
 const CLEAR_COST: f64 = 12.0;
 /// The same where only one ring is in view.
@@ -55,6 +64,10 @@ pub struct Reading {
     pub heading_rad: [f64; 2],
     /// Whether no other heading fits nearly as well.
     pub has_heading: bool,
+    /// What does not fit, a column of the body: 1 is noise.
+    pub misfit: f64,
+    /// Whether it is bars beyond all doubt: every other pattern fits worse by far.
+    pub is_certain: bool,
     /// Bars that are measured by themselves, right to left.
     pub bars: Vec<BarSight>,
     /// Ground and bars over the body.
@@ -96,6 +109,8 @@ struct Column {
     sine: f64,
     amplitude: f64,
     variance: f64,
+    /// Of its pixels with the rings, 0 … 1.
+    correlation: f64,
     /// What the column shows of a signal: base + swing · signal.
     shown: [f64; 2],
     blur_rad: f64,
@@ -162,6 +177,11 @@ pub fn read(samples: &[Sample], look: &CylinderLook, rings: &RingFit, hidden: &[
         columns.iter().map(|c| c.amplitude.abs() / (c.shown[0].abs() + c.shown[1].abs()).max(1e-3)).collect();
     sizes.sort_by(f64::total_cmp);
     let level = sizes[sizes.len() * 3 / 4];
+    // Where rings were not fitted the columns in which some are in view must show them.
+    let mut ringed: Vec<f64> = columns.iter().filter(|c| c.shown[0] == 0.0).map(|c| c.correlation).collect();
+    if rings.is_rim && ringed.len() >= LEAST_RINGED && median(&mut ringed) < LEAST_RINGED_CORRELATION {
+        return None;
+    }
     let coarse = Coarse::new(&columns, &geometry);
     let mut best: Vec<Hypothesis> = Vec::new();
     let mut rival_heading = f64::INFINITY;
@@ -212,14 +232,20 @@ pub fn read(samples: &[Sample], look: &CylinderLook, rings: &RingFit, hidden: &[
     // A single ring is told from its negative by brightness alone, which shadows change, too.
     let single = columns.iter().filter(|c| c.shown[0] > 0.0).count();
     let clear = if 2 * single > columns.len() { SINGLE_RING_COST } else { CLEAR_COST };
-    let is_named = best.get(1).is_none_or(|second| second.cost > chosen.cost + clear);
+    let is_named = chosen.cost <= WORST_NAMED_COST * columns.len() as f64
+        && best.get(1).is_none_or(|second| second.cost > chosen.cost + clear);
     // A reading that another pattern of the same kind contests has no heading either.
     let has_heading =
         !pattern.bars.is_empty() && pattern.period_rad > 0.99 * TAU && is_named && rival_heading > chosen.cost + clear;
     let signal = geometry.signal(pattern, chosen.heading, None);
     let (bars, sigma) = each_bar(&columns, &geometry, pattern, chosen.heading, level, rings);
     let heading_rad = [protocol::angle::wrap(chosen.heading), sigma];
-    Some(Reading { pattern: chosen.pattern, is_named, heading_rad, has_heading, bars, signal })
+    let misfit = chosen.cost / columns.len() as f64;
+    let is_certain = look.patterns.len() > 1
+        && !pattern.bars.is_empty()
+        && misfit < WORST_CERTAIN
+        && best.get(1).is_none_or(|second| second.cost > chosen.cost + CERTAIN_COST);
+    Some(Reading { pattern: chosen.pattern, is_named, heading_rad, has_heading, misfit, is_certain, bars, signal })
 }
 
 /// A few columns, each with the azimuths at the peer's axis that it shows, for the search over all headings.
@@ -326,6 +352,7 @@ fn columns(samples: &[Sample], look: &CylinderLook, rings: &RingFit, hidden: &[[
             sine: sine / n,
             amplitude: 0.0,
             variance: 0.0,
+            correlation: 0.0,
             shown: [0.0, 1.0],
             blur_rad: blur_px / px_per_rad,
             px_per_rad,
@@ -335,6 +362,7 @@ fn columns(samples: &[Sample], look: &CylinderLook, rings: &RingFit, hidden: &[[
             let rest2 = (vgg - vpg * vpg / vpp).max(0.0) / (n - 2.0);
             rests.push(rest2.sqrt());
             column.amplitude = vpg / vpp;
+            column.correlation = vpg.abs() / (vpp * vgg).max(1e-12).sqrt();
             column.variance = rest2.max(noise2) / vpp;
         } else {
             // One ring alone is in view: then it is bright or dark by itself.

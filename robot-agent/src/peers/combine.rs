@@ -51,6 +51,8 @@ pub struct Position {
     pub covariance: Matrix3<f64>,
 }
 
+/// A residual beyond so many sigmas widens the answer.
+const WORST_RESIDUAL: f64 = 2.0;
 /// Without bars the heading is anything.
 const HEADING_SIGMA_RAD: f64 = 10.0;
 
@@ -133,11 +135,14 @@ pub fn combine(
             let chi2 = (residual.transpose() * &weight * &residual)[0];
             // The heading and its prior take each other away.
             let dof = if evidence.bars.is_empty() { n - 3 } else { n - 4 };
+            // One that contradicts all the others is not made good by their number.
+            let worst =
+                (0..white).map(|i| (residual[i] / sigma[i]).powi(2)).fold(0.0, f64::max) / WORST_RESIDUAL.powi(2);
             return Some(Position {
                 bearing_rad: wrap(bearing),
                 range_m: range,
                 heading_rad: wrap(heading),
-                covariance: inverse * (chi2 / dof as f64).max(1.0),
+                covariance: inverse * (chi2 / dof as f64).max(worst).max(1.0),
             });
         }
     }

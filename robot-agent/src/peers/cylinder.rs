@@ -8,6 +8,8 @@
 //! An outline is reported only where the rings, which know nothing of the background, put it. A nearer robot that has been found
 //! hides its sector for the candidates behind it.
 
+mod confirm;
+
 use nalgebra::{Matrix2, Matrix2x3, Matrix3};
 
 use super::bars::{self, Reading};
@@ -42,8 +44,10 @@ const DOUBT: [Doubt; 3] = [
     Doubt { correlation: 0.97, paint: 0.07, bend: 0.35 },
     Doubt { correlation: 0.95, paint: 0.09, bend: 0.45 },
 ];
+/// Black paint is nearly black: gray level of black over white's less black's.
+const MOST_BLACK: f64 = 0.3;
 /// Beyond, a body of 0.2 m is 14 pixels wide and much looks like it, metres.
-const FARTHEST_M: f64 = 7.0;
+const FARTHEST_M: f64 = 6.2;
 /// Beyond, the corner of a striped box bends as a cylinder does: both outlines must be there, metres.
 const FARTHEST_ONE_SIDED_M: f64 = 4.0;
 /// The rings bend as a cylinder's to within this share, beside noise.
@@ -51,8 +55,8 @@ const BEND_GATE: f64 = 0.1;
 
 /// A flat board bends by −1: nothing is a cylinder that is nearer to it than this.
 const FLATTEST: f64 = -0.6;
-/// A flat board must fit worse than a cylinder by this much χ² where an outline is missing.
-const ROUND_CHI2: f64 = 9.0;
+/// A flat board must fit worse than a cylinder by this much χ², by the number of outlines.
+const ROUND_CHI2: [f64; 3] = [9.0, 9.0, 4.0];
 
 /// Least contrast of full reflectance over the residual noise.
 const LEAST_CONTRAST: f64 = 6.0;
@@ -71,6 +75,15 @@ const RANGE_SLACK: f64 = 1.05;
 /// Share of the columns in which the upper end must be where the curve says: of 30 true bodies the least was 0.93, what else was
 /// fitted reached 0.8.
 const LEAST_RIM: f64 = 0.85;
+/// The same where bars are read: so many, each column no worse than this.
+const LEAST_READ_RIM: f64 = 0.7;
+const LEAST_READ_BARS: usize = 3;
+const WORST_READ: f64 = 1.5;
+/// How far the only outline may be from where rings put it, pixels, and how many sigmas beyond [`BEND_GATE`] their bend may be.
+const LONE_WAY_PX: f64 = 0.8;
+const LONE_BEND: f64 = 2.5;
+/// With less than two outlines and this share of the columns it must be clear which bars they show.
+const LEAST_UNCLEAR: f64 = 0.7;
 /// A lone outline has nothing to contradict it: it may be half somebody else's. Pixels, beside noise and floor.
 const LONE_EDGE_PX: f64 = 0.2;
 /// What is added on a body with bars: light and the bars next to the outline are hard to tell apart there. From 40 rooms: 0.25 px
@@ -91,6 +104,8 @@ pub struct CylinderFinder {
     near_search: NearSearch,
     reach: Reach,
     samples: Vec<Sample>,
+    /// Of the sensor in the picture at hand, squared grey levels.
+    noise2: f64,
 }
 
 /// Limits of a verdict.
@@ -115,7 +130,7 @@ impl CylinderFinder {
         let search = Search::new(grid, &look, camera.viewpoint_body_m().z, lowest);
         let reach = Reach::new(&look, camera.viewpoint_body_m().z, lowest);
         let near_search = NearSearch::new(grid, &look, camera.viewpoint_body_m().z, &reach);
-        Self { look, search, near_search, reach, samples: Vec::new() }
+        Self { look, search, near_search, reach, samples: Vec::new(), noise2: 0.0 }
     }
 
     /// Bytes of the panorama that the search expects.
@@ -153,6 +168,7 @@ impl CylinderFinder {
             candidates.extend(self.search.run(panorama));
             candidates.extend(self.near_search.run(panorama));
         }
+        self.noise2 = rays.noise2();
         timings.candidates += candidates.len();
         let mut accepted: Vec<(Found, Peer)> = Vec::new();
         for candidate in &candidates {
@@ -272,6 +288,7 @@ impl CylinderFinder {
         };
         let left = self.outline(samples, &rings, reading.as_ref(), Side::Left);
         let right = self.outline(samples, &rings, reading.as_ref(), Side::Right);
+        let reading = reading.map(|r| self.confirmed(samples, &rings, hidden, r, [left.is_some(), right.is_some()]));
         Some(Found { rings, reading, left, right })
     }
 
@@ -284,7 +301,7 @@ impl CylinderFinder {
     ) -> Option<RingFit> {
         let score = |fit: &RingFit| fit.visible * fit.correlation;
         starts
-            .filter_map(|start| rings::fit(samples, &self.look, start, hidden, close))
+            .filter_map(|start| rings::fit(samples, &self.look, start, hidden, self.noise2, close))
             .max_by(|a, b| score(a).total_cmp(&score(b)))
     }
 
@@ -336,18 +353,31 @@ impl CylinderFinder {
         let half = body.outline_rad;
         let seen = usize::from(found.left.is_some()) + usize::from(found.right.is_some());
         let doubt = &DOUBT[seen];
-        if rings.correlation < doubt.correlation
+        // Bars from side to side are as good as outlines.
+        let has_bars = found.reading.as_ref().is_some_and(|r| !r.bars.is_empty());
+        let is_unclear = found.reading.as_ref().is_some_and(|r| !r.is_named);
+        let is_read = found.reading.as_ref().is_some_and(|r| r.bars.len() >= LEAST_READ_BARS && r.misfit < WORST_READ);
+        let is_certain = seen > 0 && found.reading.as_ref().is_some_and(|r| r.is_certain);
+        let correlation = if is_certain { LEAST_CORRELATION } else { doubt.correlation };
+        if rings.correlation < correlation
             || rings.paint_error(look) > doubt.paint
-            || rings.bend[1] > doubt.bend
-            || (seen < 2 && !is_round(rings))
-            || rings.bend[0] < FLATTEST
+            || rings.black(look) > MOST_BLACK
+            || (rings.bend[1] > doubt.bend && !is_certain)
+            || (!is_round(rings, ROUND_CHI2[seen]) && !is_certain)
+            || (seen < 2 && rings.visible < LEAST_UNCLEAR && is_unclear)
+            || (rings.bend[0] < FLATTEST && !is_certain)
             // Soon a ring edge is in view, too: a curve with one outline is something else.
-            || (rings.is_rim && seen < 2 && body.range_m > self.reach.one_edge_m / RANGE_SLACK)
-            || (rings.is_rim && rings.visible < LEAST_RIM)
-            || (seen == 0 && (rings.edges_seen < 2 || rings.visible < 0.5))
+            || (rings.is_rim && seen < 2 && !is_read && body.range_m > self.reach.one_edge_m / RANGE_SLACK)
+            || (rings.is_rim && is_unclear && body.range_m > self.reach.one_edge_m / RANGE_SLACK)
+            || (rings.is_rim && rings.visible < if is_read { LEAST_READ_RIM } else { LEAST_RIM })
+            // A striped box of which a corner is hidden bends, too.
+            || (seen == 0 && (rings.visible < 0.5 || !(is_read || rings.edges_seen >= 2 && has_bars)))
             || body.range_m > FARTHEST_M
-            || (seen < 2 && body.range_m > FARTHEST_ONE_SIDED_M)
+            || (seen < 2 && body.range_m > FARTHEST_ONE_SIDED_M && !is_certain)
         {
+            return None;
+        }
+        if seen == 1 && !has_bars && !is_trusty(rings, found.left.or(found.right)) {
             return None;
         }
         let edge = |fit: &Option<EdgeFit>, sign: f64| {
@@ -401,17 +431,24 @@ impl CylinderFinder {
             }
         }
         features.splice(features.len().min(1)..features.len().min(1), self.bar_features(found.reading.as_ref()));
+        // Without both outlines the rest must carry the answer, and is as doubtful as it fits badly.
+        let widening = match seen {
+            2 => 1.0,
+            _ => {
+                let bend = rings.bend[0] / rings.bend[1].max(0.5 * BEND_GATE);
+                found.reading.as_ref().map_or(1.0, |r| r.misfit.max(1.0)) * (0.5 * bend).powi(2).max(1.0)
+            }
+        };
         let evidence_share = [0.6, 0.85, 1.0][seen];
         let pattern = found.reading.as_ref().map(|reading| (&look.patterns[reading.pattern], reading));
-        let has_bars = !evidence.bars.is_empty();
         Some(Peer {
             kind: pattern.map_or(0, |(pattern, _)| pattern.kind),
             robot: pattern.filter(|(_, reading)| reading.is_named).and_then(|(pattern, _)| pattern.robot),
             bearing_rad: position.bearing_rad,
             range_m: position.range_m,
-            covariance: position.covariance.fixed_view::<2, 2>(0, 0).into_owned(),
+            covariance: position.covariance.fixed_view::<2, 2>(0, 0).into_owned() * widening,
             heading_rad: found.reading.as_ref().filter(|reading| reading.has_heading).map(|reading| match has_bars {
-                true => [position.heading_rad, position.covariance[(2, 2)].sqrt()],
+                true => [position.heading_rad, (position.covariance[(2, 2)] * widening).sqrt()],
                 false => [reading.heading_rad[0], reading.heading_rad[1].hypot(HEADING_FLOOR_RAD)],
             }),
             confidence: (rings.visible.min(1.0) * rings.correlation).sqrt() * evidence_share,
@@ -465,10 +502,16 @@ impl CylinderFinder {
     }
 }
 
+/// Whether the only outline is where the rings put it, and they bend as they should: a box's corner nearly does.
+fn is_trusty(rings: &RingFit, outline: Option<EdgeFit>) -> bool {
+    outline.is_some_and(|fit| (fit.outwards_rad * fit.px_per_rad).abs() < LONE_WAY_PX)
+        && rings.bend[0].abs() <= BEND_GATE + LONE_BEND * rings.bend[1]
+}
+
 /// Whether the rings bend as a cylinder's much rather than as a flat board's, which a single outline would not tell.
-fn is_round(rings: &RingFit) -> bool {
+fn is_round(rings: &RingFit, chi2: f64) -> bool {
     let variance = rings.bend[1].powi(2) + BEND_GATE.powi(2) / 4.0;
-    (rings.bend[0] + 1.0).powi(2) - rings.bend[0].powi(2) > ROUND_CHI2 * variance || rings.edges_seen < 2
+    (rings.bend[0] + 1.0).powi(2) - rings.bend[0].powi(2) > chi2 * variance || rings.edges_seen < 2
 }
 
 fn mount(camera: &MountedCamera) -> Mount {

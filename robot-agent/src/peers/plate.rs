@@ -11,6 +11,7 @@
 
 mod ends;
 mod plane;
+mod rim;
 mod search;
 
 use nalgebra::{Matrix2, Matrix3, SMatrix, SVector, Vector2, Vector3};
@@ -25,6 +26,7 @@ use super::{Find, Peer, PeerFeature};
 use crate::optics::MountedCamera;
 use ends::side_sigma;
 use plane::{Plane, PlaneFit};
+use rim::RimSearch;
 use search::{PlateCandidate, PlateSearch};
 
 /// Turns of a known plate that the fit starts from, radians; of one that was searched for, beside the turn that was found.
@@ -36,6 +38,8 @@ const SURE: f64 = 0.985;
 const MOST_TURN_RAD: f64 = 1.2;
 /// χ² of two numbers that one plate in 100 exceeds: its width and its height are what tell it from a striped box.
 const WORST_CHI2: f64 = 9.21;
+/// Another pair of sides whose χ² is larger by less is as good.
+const AS_GOOD_CHI2: f64 = 6.0;
 /// The heights of the stripes are right to this when noise has averaged out, metres.
 const HEIGHT_FLOOR_M: f64 = 3e-3;
 /// Beyond, a plate is too few pixels for its stripes to be told from a cylinder's rings, metres.
@@ -48,6 +52,8 @@ const MOST_BESIDE: f64 = 0.4;
 const LEAST_FILLED: f64 = 0.75;
 /// The plane's distance is right to this share when noise has averaged out; its turn to this angle.
 const PLANE_FLOOR: [f64; 2] = [6e-3, 1.5e-3];
+/// Black paint is nearly black: chairs before a wall have such stripes in two greys. Gray level of black over white's less black's.
+const MOST_BLACK: f64 = 0.3;
 const MAX_PEERS: usize = 8;
 
 /// Finds plates of one look.
@@ -57,7 +63,10 @@ pub struct PlateFinder {
     /// The plate's stripes as rings: what profiles are worked out of.
     pillar: CylinderLook,
     search: PlateSearch,
+    rim_search: RimSearch,
     samples: Vec<Sample>,
+    /// Of the sensor in the picture at hand, squared grey levels.
+    noise2: f64,
 }
 
 /// A plate's robot (x, y, heading) from its plane and the bearings of its sides.
@@ -68,6 +77,8 @@ struct Posed {
     covariance: Matrix3<f64>,
     right: (f64, EdgeFit),
     left: (f64, EdgeFit),
+    /// Another pair of sides is as good: the covariance covers both, the sides are nobody's.
+    is_torn: bool,
 }
 
 impl PlateFinder {
@@ -76,7 +87,8 @@ impl PlateFinder {
         let lowest = camera.camera().elevation_rad()[0].tan();
         let pillar = look.pillar();
         let search = PlateSearch::new(grid, &look, camera.viewpoint_body_m().z, lowest);
-        Self { look, pillar, search, samples: Vec::new() }
+        let rim_search = RimSearch::new(grid, &look, camera.viewpoint_body_m().z);
+        Self { look, pillar, search, rim_search, samples: Vec::new(), noise2: 0.0 }
     }
 
     /// Bytes of the panorama that the search expects.
@@ -93,6 +105,7 @@ impl PlateFinder {
         panorama: Option<&[u8]>,
         known: &[(f64, f64)],
     ) -> Vec<Find> {
+        self.noise2 = rays.noise2();
         // Of a known peer the axis is known, which the plate is not far from.
         let mut candidates: Vec<(PlateCandidate, &[f64])> = known
             .iter()
@@ -105,23 +118,93 @@ impl PlateFinder {
         }
         let mut peers: Vec<Peer> = Vec::new();
         for (candidate, turns) in candidates {
-            let apart =
-                |p: &Peer| difference(p.bearing_rad, candidate.bearing_rad).abs() * p.range_m.min(candidate.distance_m);
-            if peers
-                .iter()
-                .any(|p| apart(p) < 0.4 * self.look.width_m && (p.range_m / candidate.distance_m - 1.0).abs() < 0.25)
-            {
-                continue;
+            if !self.is_taken(&peers, &candidate) {
+                let peer = self.look_closer(camera, rays, raw, &candidate, turns);
+                self.take(&mut peers, peer);
             }
-            if let Some(peer) = self.look_closer(camera, rays, raw, &candidate, turns)
-                && !peers.iter().any(|p| difference(p.bearing_rad, peer.bearing_rad).abs() * peer.range_m < 0.2)
-                && peers.len() < MAX_PEERS
-            {
-                peers.push(peer);
+        }
+        let rims = panorama.map_or(Vec::new(), |panorama| self.rim_search.run(panorama));
+        for candidate in rims {
+            if !self.is_taken(&peers, &candidate) {
+                let peer = self.look_at_rim(camera, rays, raw, &candidate);
+                self.take(&mut peers, peer);
             }
         }
         let half_m = 0.5 * self.look.width_m;
         peers.into_iter().map(|peer| Find { misfit: 1.0 - peer.confidence, peer, half_m }).collect()
+    }
+
+    /// Whether a candidate is a plate that was found already.
+    fn is_taken(&self, peers: &[Peer], candidate: &PlateCandidate) -> bool {
+        peers.iter().any(|p| {
+            let apart = difference(p.bearing_rad, candidate.bearing_rad).abs() * p.range_m.min(candidate.distance_m);
+            apart < 0.4 * self.look.width_m && (p.range_m / candidate.distance_m - 1.0).abs() < 0.25
+        })
+    }
+
+    fn take(&self, peers: &mut Vec<Peer>, peer: Option<Peer>) {
+        let Some(peer) = peer else { return };
+        let is_beside = |p: &Peer| difference(p.bearing_rad, peer.bearing_rad).abs() * peer.range_m < 0.2;
+        if peers.len() < MAX_PEERS && !peers.iter().any(is_beside) {
+            peers.push(peer);
+        }
+    }
+
+    /// A plate by its upper end.
+    fn look_at_rim(
+        &mut self,
+        camera: &MountedCamera,
+        rays: &mut PixelRays,
+        raw: &[u8],
+        candidate: &PlateCandidate,
+    ) -> Option<Peer> {
+        let (bearing, distance) = (candidate.bearing_rad, candidate.distance_m);
+        let rise = self.pillar.high_m() - camera.viewpoint_body_m().z;
+        let [lowest, highest] = camera.camera().elevation_rad();
+        let nearest = (0.8 * distance - 0.5 * self.look.width_m).max(0.2);
+        let ends = [rise.atan2(nearest), rise.atan2(1.2 * distance + 0.5 * self.look.width_m)];
+        let high = (ends[0].max(ends[1]) + 0.04).clamp(lowest, highest);
+        let half = (0.5 * self.look.width_m / (distance - 0.4 * self.look.width_m).max(0.2)).atan();
+        let mut samples = std::mem::take(&mut self.samples);
+        rays.patch(camera, raw, bearing, half + 0.1, [lowest, high], &mut samples);
+        let turn = candidate.turn_rad;
+        let plane = Plane { alpha: bearing + turn, c: distance * turn.cos(), lower_m: 0.0 };
+        let fit = self.fit_rim(&samples, plane, bearing, rise);
+        let peer = fit.and_then(|fit| {
+            // Stripes tell more, now that it is known where to begin.
+            let few = self.few(&samples, bearing, distance);
+            let by_stripes = self.fit(&few, fit.plane, bearing).and_then(|fit| self.verdict(camera, &samples, &fit));
+            by_stripes.or_else(|| self.rim_verdict(camera, &samples, fit))
+        });
+        self.samples = samples;
+        peer
+    }
+
+    fn rim_verdict(&self, camera: &MountedCamera, samples: &[Sample], mut fit: PlaneFit) -> Option<Peer> {
+        let mounting = camera.mounting().sigma;
+        let tilt = mounting.rotation_rpy_rad[0].max(mounting.rotation_rpy_rad[1]);
+        let rise = (self.pillar.high_m() - camera.viewpoint_body_m().z).abs();
+        let by_height =
+            fit.plane.c * mounting.position_m.z.hypot(HEIGHT_FLOOR_M).hypot(tilt * fit.plane.c) / rise.max(0.01);
+        let c_floor = (PLANE_FLOOR[0] * fit.plane.c).hypot(by_height);
+        let plane_covariance =
+            fit.covariance + Matrix2::new(PLANE_FLOOR[1].powi(2) * 16.0, 0.0, 0.0, c_floor * c_floor);
+        let middle = wrap(fit.seen_rad[0] + 0.5 * difference(fit.seen_rad[1], fit.seen_rad[0]));
+        if difference(fit.plane.alpha, middle).abs() > MOST_TURN_RAD || !Self::is_straight(&fit) {
+            return None;
+        }
+        fit.sign = self.side_shown(samples, &fit)?;
+        let posed = self.between_sides(samples, &fit, &plane_covariance)?;
+        let out = 3.0 / samples.first().map_or(200.0, |s| f64::from(s.ray.px_per_bearing));
+        if posed.chi2.is_nan()
+            || posed.chi2 > WORST_CHI2
+            || !self.is_full(&fit, &posed)
+            || self.rim_goes_on(samples, &fit, [posed.right.0, posed.left.0], out)
+            || self.has_corner(samples, &fit, [posed.right.0, posed.left.0])
+        {
+            return None;
+        }
+        self.peer(camera, &fit, &posed, &plane_covariance, c_floor)
     }
 
     fn look_closer(
@@ -171,11 +254,10 @@ impl PlateFinder {
     }
 
     fn verdict(&self, camera: &MountedCamera, samples: &[Sample], fit: &PlaneFit) -> Option<Peer> {
-        let look = &self.look;
         let middle = wrap(fit.seen_rad[0] + 0.5 * difference(fit.seen_rad[1], fit.seen_rad[0]));
         let mounting = camera.mounting().sigma;
         let tilt = mounting.rotation_rpy_rad[0].max(mounting.rotation_rpy_rad[1]);
-        let edges = self.edges_in_view(samples, fit, middle);
+        let edges = self.edges_in_view(samples, fit);
         let height_m = camera.viewpoint_body_m().z;
         let fit = &match edges[..] {
             [] => return None,
@@ -184,7 +266,7 @@ impl PlateFinder {
         };
         let height_sigma_m = mounting.position_m.z.hypot(tilt * fit.plane.c).hypot(HEIGHT_FLOOR_M);
         let height_chi2 = (fit.plane.lower_m / height_sigma_m).powi(2);
-        if difference(fit.plane.alpha, middle).abs() > MOST_TURN_RAD {
+        if difference(fit.plane.alpha, middle).abs() > MOST_TURN_RAD || !fit.is_flat() || fit.black > MOST_BLACK {
             return None;
         }
         // A wrong height or tilt shifts the distance; both are in the fitted height as far as stripes can tell.
@@ -192,9 +274,7 @@ impl PlateFinder {
         let plane_covariance =
             fit.covariance + Matrix2::new(PLANE_FLOOR[1].powi(2) * 16.0, 0.0, 0.0, c_floor * c_floor);
         let posed = self.between_sides(samples, fit, &plane_covariance)?;
-        let Posed { chi2, pose, covariance, right, left } = posed;
-        let is_front = fit.sign > 0.0;
-        let ends = [right.0, left.0];
+        let (chi2, ends) = (posed.chi2, [posed.right.0, posed.left.0]);
         let wide = difference(ends[1], ends[0]);
         let beside = BESIDE_SHARE * wide;
         let out = 3.0 / samples.first().map_or(200.0, |s| f64::from(s.ray.px_per_bearing));
@@ -202,12 +282,28 @@ impl PlateFinder {
         if chi2.is_nan()
             || chi2 + height_chi2 > WORST_CHI2
             || self.has_further_stripe(samples, fit, ends)
+            || self.has_corner(samples, fit, ends)
             || goes_on(ends[0] + out, ends[1] - out) < LEAST_FILLED
             || goes_on(ends[0] - out - beside, ends[0] - out) > MOST_BESIDE
             || goes_on(ends[1] + out, ends[1] + out + beside) > MOST_BESIDE
         {
             return None;
         }
+        self.peer(camera, fit, &posed, &plane_covariance, c_floor)
+    }
+
+    /// The robot of a plate.
+    fn peer(
+        &self,
+        camera: &MountedCamera,
+        fit: &PlaneFit,
+        posed: &Posed,
+        plane_covariance: &Matrix2<f64>,
+        c_floor: f64,
+    ) -> Option<Peer> {
+        let look = &self.look;
+        let is_front = fit.sign > 0.0;
+        let Posed { chi2, pose, covariance, right, left, is_torn } = posed;
         let covariance = covariance * chi2.max(1.0);
         let range = pose[0].hypot(pose[1]);
         if range > FARTHEST_M {
@@ -242,7 +338,7 @@ impl PlateFinder {
             covariance: polar * covariance * polar.transpose(),
             heading_rad: Some([wrap(pose[2]), covariance[(2, 2)].sqrt()]),
             confidence: fit.correlation.clamp(0.0, 1.0),
-            features: vec![edge(&right, true), edge(&left, false)],
+            features: if *is_torn { Vec::new() } else { vec![edge(right, true), edge(left, false)] },
         })
     }
 
@@ -258,10 +354,21 @@ impl PlateFinder {
         };
         let by_right = right.and_then(|r| self.side(samples, fit, Side::Left, beside(r.0, 1.0)));
         let by_left = left.and_then(|l| self.side(samples, fit, Side::Right, beside(l.0, -1.0)));
-        [(right, left), (right, by_right), (by_left, left)]
+        let mut posed: Vec<Posed> = [(right, left), (right, by_right), (by_left, left)]
             .into_iter()
             .filter_map(|(right, left)| self.pose(fit, plane_covariance, right?, left?))
-            .min_by(|a, b| a.chi2.total_cmp(&b.chi2))
+            .collect();
+        posed.sort_by(|a, b| a.chi2.total_cmp(&b.chi2));
+        let mut rest = posed.into_iter();
+        let mut best = rest.next()?;
+        // What the picture cannot tell apart the answer covers.
+        for other in rest.filter(|other| other.chi2 < best.chi2 + AS_GOOD_CHI2) {
+            let mut apart = other.pose - best.pose;
+            apart[2] = difference(other.pose[2], best.pose[2]);
+            best.covariance += apart * apart.transpose();
+            best.is_torn = true;
+        }
+        Some(best)
     }
 
     /// Pose by least squares from the plane and the sides.
@@ -317,6 +424,6 @@ impl PlateFinder {
             solved = Some(((here.transpose() * weights * here)[0], covariance));
         }
         let (chi2, covariance) = solved?;
-        Some(Posed { chi2, pose, covariance, right, left })
+        Some(Posed { chi2, pose, covariance, right, left, is_torn: false })
     }
 }

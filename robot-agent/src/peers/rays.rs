@@ -7,6 +7,12 @@ use nalgebra::{Vector2, Vector3};
 
 use crate::optics::MountedCamera;
 
+/// Every so many rows the noise is measured in; larger second differences are counted as this one.
+const NOISE_ROWS: usize = 8;
+const MOST_BEND: usize = 63;
+/// No sensor is taken to be worse, squared grey levels.
+const MOST_NOISE2: f64 = 16.0;
+
 /// The ray of one pixel in the body frame, and the local scale of the picture.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct PixelRay {
@@ -54,13 +60,40 @@ pub struct PixelRays {
     width: usize,
     height: usize,
     table: Vec<PixelRay>,
+    /// Of the sensor's noise in the picture at hand, squared grey levels: see [`PixelRays::measure_noise`].
+    noise2: f64,
 }
 
 impl PixelRays {
     /// An empty table for a picture of this size.
     pub fn new([width, height]: [u32; 2]) -> Self {
         let (width, height) = (width as usize, height as usize);
-        Self { width, height, table: vec![PixelRay::default(); width * height] }
+        Self { width, height, table: vec![PixelRay::default(); width * height], noise2: 0.0 }
+    }
+
+    /// Takes the noise of a picture from second differences along some of its rows: most of a picture is smooth. Black is left out.
+    pub fn measure_noise(&mut self, raw: &[u8]) {
+        let mut counts = [0u32; MOST_BEND + 1];
+        for line in raw.chunks_exact(self.width).step_by(NOISE_ROWS) {
+            for three in line.windows(3).filter(|three| three.iter().all(|g| (1..255).contains(g))) {
+                let bend = (i32::from(three[0]) - 2 * i32::from(three[1]) + i32::from(three[2])).unsigned_abs();
+                counts[(bend as usize).min(MOST_BEND)] += 1;
+            }
+        }
+        let all: u32 = counts.iter().sum();
+        let mut below = 0;
+        let median = counts.iter().position(|count| {
+            below += count;
+            2 * below >= all
+        });
+        // A median of whole numbers lies anywhere within one of them; the lower end is the cautious one.
+        let sigma = (median.unwrap_or(0) as f64 - 0.5).max(0.0) / (0.6745 * 6f64.sqrt());
+        self.noise2 = (sigma * sigma).min(MOST_NOISE2);
+    }
+
+    /// What [`PixelRays::measure_noise`] found.
+    pub fn noise2(&self) -> f64 {
+        self.noise2
     }
 
     /// The ray of pixel (u, v), which must lie in the picture; `None` where the camera sees nothing.

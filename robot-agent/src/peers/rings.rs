@@ -25,7 +25,7 @@ const BLUR_SIGMA_PX: f64 = 0.15;
 /// Paint and light may differ from the announcement by this much of full scale between rings.
 const REFLECTANCE_SIGMA: f64 = 0.06;
 /// The camera's height over the peer's floor: mounting, tilt and floor together, metres.
-const HEIGHT_SIGMA_M: f64 = 0.03;
+const HEIGHT_SIGMA_M: f64 = 0.015;
 /// The bend is held while the shape is fitted, and let go to test it.
 const BEND_HELD: f64 = 1e-4;
 const BEND_FREE: f64 = 2.0;
@@ -45,6 +45,8 @@ const HOPELESS_START: f64 = 0.12;
 /// The same three where bars may show the negative: either sign counts, so more looks like rings by chance.
 const HOPELESS_BARRED: [f64; 3] = [0.85, 0.3, 0.2];
 const STEPS: usize = 4;
+/// Black is seen in columns as strong as this share of the strongest.
+const BLACK_GAIN: f64 = 0.75;
 /// Sensor noise is never taken to be below this, grey levels (rounding alone is 0.29).
 const LEAST_NOISE: f64 = 0.5;
 
@@ -107,6 +109,16 @@ impl RingFit {
     /// The cylinder that was found.
     pub fn cylinder(&self, radius_m: f64) -> Cylinder {
         Cylinder::new(self.bearing_rad, self.near_m + radius_m, radius_m)
+    }
+
+    /// Gray level of black over white's less black's: the median of the columns that show rings. 0 for an upper end alone.
+    pub fn black(&self, look: &CylinderLook) -> f64 {
+        let of_negative = 2.0 * look.middle_reflectance();
+        // Across the border of a bar there is no black.
+        let strongest = self.columns.iter().filter(|c| c.visible).map(|c| c.gain.abs()).fold(0.0, f64::max);
+        let shown = self.columns.iter().filter(|c| c.visible && c.gain.abs() > BLACK_GAIN * strongest);
+        let black = |c: &Column| (c.offset + if c.gain < 0.0 { c.gain * of_negative } else { 0.0 }) / c.gain.abs();
+        median(&mut shown.map(black).collect::<Vec<_>>())
     }
 
     /// RMS difference of the reflectances that fit from the announced ones.
@@ -178,13 +190,14 @@ struct Gram {
 }
 
 /// Fits the rings from a start (bearing, range to the axis). `hidden` are sectors [right, left] of bearings that nearer bodies are
-/// known to fill. A `close` start (the
+/// known to fill. `noise2` is the sensor's. A `close` start (the
 /// last frame's answer) needs no search for the right valley. `None` where the picture does not show the rings there.
 pub fn fit(
     samples: &[Sample],
     look: &CylinderLook,
     start: (f64, f64),
     hidden: &[[f64; 2]],
+    noise2: f64,
     close: bool,
 ) -> Option<RingFit> {
     let m = SHAPE + look.reflectance.len();
@@ -209,7 +222,7 @@ pub fn fit(
         let mut normal = None;
         for step in 0..STEPS {
             accumulate(samples, &pixels, columns, look, &state, blunt, &mut grams);
-            let shown = judge(&grams, 2 + m, round, look.is_barred());
+            let shown = judge(&grams, (2 + m, noise2), round, look.is_barred());
             // Most candidates show no ring at all.
             if round == 0 && step == 0 && shown.visible < hopeless_start {
                 return None;
@@ -401,7 +414,7 @@ struct Shown {
 }
 
 /// Which columns show the rings; on a body with bars also their negative, and a column on a bar's border shows neither.
-fn judge(grams: &[Gram], gray: usize, round: usize, is_barred: bool) -> Shown {
+fn judge(grams: &[Gram], (gray, noise2): (usize, f64), round: usize, is_barred: bool) -> Shown {
     let m = gray;
     let mut columns = vec![Column::default(); grams.len()];
     let mut measured = 0i32;
@@ -425,7 +438,7 @@ fn judge(grams: &[Gram], gray: usize, round: usize, is_barred: bool) -> Shown {
         let column = &mut columns[c];
         column.gain = pi / pp;
         column.offset = (s[0][m] - column.gain * s[0][1]) / n;
-        column.correlation = pi / (pp * (ii + LEAST_NOISE * LEAST_NOISE * n)).sqrt();
+        column.correlation = pi / (pp * without_noise(ii, n, noise2).max(pi * pi / pp)).sqrt();
         residuals[c] = ((ii - pi * pi / pp).max(0.0) / (n - 2.0).max(1.0)).sqrt();
         let (correlation, gain) = column.strength(is_barred);
         column.visible = correlation > least;
@@ -466,6 +479,11 @@ fn judge(grams: &[Gram], gray: usize, round: usize, is_barred: bool) -> Shown {
         noise: typical,
         columns,
     }
+}
+
+/// Squares about the mean of n pixels less what noise has in them, as far as it is known; never less than a small noise.
+pub(super) fn without_noise(squares: f64, n: f64, noise2: f64) -> f64 {
+    squares - (n - 2.0).max(0.0) * noise2 + LEAST_NOISE * LEAST_NOISE * n
 }
 
 pub(super) fn median(values: &mut [f64]) -> f64 {

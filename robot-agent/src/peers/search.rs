@@ -18,11 +18,13 @@ const RANGE_STEP: f64 = 1.03;
 /// Most candidates of one picture.
 pub const MAX_CANDIDATES: usize = 24;
 /// The same where bars may show the negative of the rings: more looks like either.
-const MAX_BARRED_CANDIDATES: usize = 16;
+const MAX_BARRED_CANDIDATES: usize = 24;
 /// Strips below this correlation have no vote; above the second a whole one.
 const VOTE: [f32; 2] = [0.55, 0.85];
 /// Share of the body's strips that must vote.
 const LEAST_SUPPORT: f32 = 0.22;
+/// Least support beyond what goes on on both sides.
+const LEAST_WORTH: f32 = 0.12;
 /// Gray levels per unit of reflectance below which nothing is a ring.
 const LEAST_GAIN: f32 = 15.0;
 /// Sensor noise and rounding in the panorama, squared grey levels.
@@ -148,11 +150,11 @@ impl Search {
         let mut peaks: Vec<Peak> = Vec::new();
         for l in 0..self.levels.len() {
             for u in 0..width {
-                let s = self.support[l * width + u];
-                if s < LEAST_SUPPORT {
+                let s = self.worth(l, u);
+                if s < LEAST_WORTH || self.support[l * width + u] < LEAST_SUPPORT {
                     continue;
                 }
-                let at = |l: usize, u: usize| self.support[l * width + u % width];
+                let at = |l: usize, u: usize| self.worth(l, u % width);
                 let beside = at(l, u + 1) > s || at(l, u + width - 1) >= s;
                 let nearer = l > 0 && at(l - 1, u) > s;
                 let farther = l + 1 < self.levels.len() && at(l + 1, u) >= s;
@@ -167,7 +169,16 @@ impl Search {
             let ratio = other.range_m / level.range_m;
             apart < 0.6 * level.half_columns.min(other.half_columns) && (0.8..1.25).contains(&ratio)
         };
-        strongest(peaks, width, most, near).into_iter().map(|(s, l, u)| self.candidate(l, u, s)).collect()
+        let candidate = |(_, l, u): Peak| self.candidate(l, u, self.support[l * width + u]);
+        strongest(peaks, width, most, near).into_iter().map(candidate).collect()
+    }
+
+    /// Support less what goes on on either side: the foot of a wall looks like two rings all along, a body ends.
+    fn worth(&self, l: usize, u: usize) -> f32 {
+        let width = self.grid.width;
+        let beside = ((1.8 * self.levels[l].half_columns) as usize).clamp(1, width / 2 - 1);
+        let at = |u: usize| self.support[l * width + u % width];
+        at(u) - at(u + beside).min(at(u + width - beside))
     }
 
     fn candidate(&self, l: usize, u: usize, support: f32) -> Candidate {

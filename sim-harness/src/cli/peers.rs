@@ -140,8 +140,8 @@ pub(crate) fn table(report: &Report) -> String {
     }
     let _ = writeln!(
         text,
-        "\n  sightings beyond 4 σ of every robot: {} ({} where no robot is)\n\n  before it   unhidden      found of shown   beyond 4 σ   NEES",
-        report.beyond_four_sigma, report.without_robot
+        "\n  sightings beyond 4 σ of every robot: {} ({} where no robot is); headings beyond 4 σ: {}\n\n  before it   unhidden      found of shown   beyond 4 σ   NEES",
+        report.beyond_four_sigma, report.without_robot, report.headings_beyond_four_sigma
     );
     for h in &report.hidden {
         let _ = writeln!(

@@ -38,6 +38,8 @@ pub struct Report {
     pub beyond_four_sigma: usize,
     /// Of those, sightings where there is no robot at all.
     pub without_robot: usize,
+    /// Headings more than 4 σ off.
+    pub headings_beyond_four_sigma: usize,
     /// By what stands before a robot.
     pub hidden: Vec<Hidden>,
     /// Range over a second of standing, by range.
@@ -151,6 +153,7 @@ pub fn report(outcomes: &[Outcome]) -> Report {
         detection: BTreeMap::new(),
         beyond_four_sigma: 0,
         without_robot: 0,
+        headings_beyond_four_sigma: 0,
         hidden: hidden::table(outcomes),
         baseline: Vec::new(),
         detector_us: outcomes.iter().map(|o| o.detector_us).sum::<f64>() / outcomes.len().max(1) as f64,
@@ -175,6 +178,13 @@ pub fn report(outcomes: &[Outcome]) -> Report {
                 }
                 if let Some(found) = found {
                     cell.add(view, found);
+                    if let Some(what) = turned_wrong(view, found) {
+                        report.headings_beyond_four_sigma += 1;
+                        tell(view.bearing_rad, what);
+                    }
+                    if let Some(what) = misnamed(view, found) {
+                        tell(view.bearing_rad, what);
+                    }
                 }
             }
             for sighting in sightings {
@@ -230,6 +240,32 @@ fn missed(view: &View) -> String {
         100.0 * view.visible,
         view.pixels
     )
+}
+
+/// What is wrong about a heading, if it is more than 4 σ off.
+fn turned_wrong(view: &View, sighting: &Sighting) -> Option<String> {
+    let [heading, sigma] = sighting.peer.heading_rad?;
+    let error = turned(heading - view.heading_rad);
+    (error.abs() > 4.0 * sigma).then(|| {
+        format!(
+            "heading {:+.1}° off ± {:.2}°: {} {} at {:.2} m, turned {:.0}°, {:.0} % seen, sighted as kind {}",
+            error.to_degrees(),
+            sigma.to_degrees(),
+            view.kind.name(),
+            view.robot,
+            view.range_m,
+            view.turn_rad.to_degrees(),
+            100.0 * view.visible,
+            sighting.peer.kind
+        )
+    })
+}
+
+/// Who was taken for somebody else.
+fn misnamed(view: &View, sighting: &Sighting) -> Option<String> {
+    let named = sighting.peer.robot.filter(|robot| *robot != view.robot)?;
+    let (kind, robot, range, seen) = (view.kind.name(), view.robot, view.range_m, 100.0 * view.visible);
+    Some(format!("named {named}: {kind} {robot} at {range:.2} m, {seen:.0} % seen, kind {}", sighting.peer.kind))
 }
 
 fn strayed(sighting: &Sighting, view: Option<&View>, sigmas: f64) -> String {

@@ -1,18 +1,27 @@
 //! Where a plate ends: its sides and its upper end, and that it does end there.
 
-use nalgebra::Matrix2;
+use std::f64::consts::FRAC_PI_2;
+
+use nalgebra::{Matrix2, Vector2};
 use protocol::angle::{difference, wrap};
 
 use super::super::edges::{self, EdgeFit, Pixel, Side};
 use super::super::look::MAX_RINGS;
+use super::super::near;
 use super::super::rays::Sample;
-use super::super::rings::{self, BLUR_PX};
+use super::super::rings::{self, BLUR_PX, median};
 use super::PlateFinder;
-use super::plane::{PlaneFit, shown};
+use super::plane::{Plane, PlaneFit, shown, shows_edge};
 
 /// The upper end is right to this, pixels, when noise has averaged out; noise may leave it so uncertain.
 const END_FLOOR_PX: f64 = 0.1;
 const WORST_END_PX: f64 = 0.5;
+/// Its columns are so wide, and pixels so far above and below it are looked at.
+const END_COLUMN_PX: f64 = 1.5;
+const END_REACH_PX: [f64; 2] = [3.5, 5.0];
+/// Each column's place is right to this at best, squared pixels; so many columns make an end.
+const STEP_FLOOR_PX2: f64 = 0.01;
+const LEAST_END_COLUMNS: usize = 6;
 /// Share of the columns that must agree on the upper end.
 const LEAST_END_AGREEMENT: f64 = 0.5;
 /// Rounds in which a lone edge and the upper end settle distance and height.
@@ -22,11 +31,29 @@ const END_ROUNDS: usize = 3;
 const LIKE: f64 = 0.25;
 const ENDS: f64 = 0.3;
 const MOST_FURTHER: f64 = 0.5;
+/// An edge is in view where the picture goes on beyond it for so much.
+const BEYOND_EDGE_PX: f64 = 3.0;
+/// Of a box's next face so much is looked at, metres, from so far beside the corner on, pixels; where so many columns are in view and
+/// this share of them show the stripes it is a box.
+const FACE_M: f64 = 0.25;
+const CORNER_PX: f64 = 1.5;
+const LEAST_FACE_COLUMNS: usize = 3;
+const MOST_ROUND_CORNER: f64 = 0.5;
 const EDGE_FLOOR_PX: f64 = 0.06;
 /// A sheet has a rim of its own, metres.
 const RIM_FLOOR_M: f64 = 2e-3;
 /// Columns of one picture's width looked at on either side of where the plate may end.
 const BESIDE_PX: f64 = 9.0;
+
+/// The upper end of a plate.
+struct End {
+    /// Higher than predicted, and the standard deviation.
+    higher_px: f64,
+    sigma_px: f64,
+    /// Share of the columns that agree.
+    agreement: f64,
+    px_per_rad: f64,
+}
 
 impl PlateFinder {
     /// A pixel so far inside of an end, of the paint `ring` or, on the back, of its negative.
@@ -36,32 +63,39 @@ impl PlateFinder {
         Pixel { gray: sample.gray, row: 0, inside_rad, px_per_rad, half_px: BESIDE_PX, ring }
     }
 
-    /// How much further up the plate goes than it should.
-    pub(super) fn end(&self, samples: &[Sample], fit: &PlaneFit) -> Option<EdgeFit> {
-        let look = &self.pillar;
+    /// How much further up the plate goes than it should, column by column: each has its own light, and some have a mast.
+    fn end(&self, samples: &[Sample], fit: &PlaneFit) -> Option<End> {
+        let high_m = self.pillar.high_m();
+        let scale = samples.first().map(|s| f64::from(s.ray.px_per_bearing))?;
         let wide = difference(fit.seen_rad[1], fit.seen_rad[0]);
-        let mut by_ring = [0.0; MAX_RINGS];
-        let mut pixels = Vec::new();
-        let mut places = Vec::new();
+        let count = (wide * scale / END_COLUMN_PX) as usize;
+        let mut columns: Vec<Vec<(f64, f64)>> = vec![Vec::new(); count];
+        let (mut px_per_rad, mut n) = (0.0, 0.0);
         for sample in samples {
-            let along = difference(f64::from(sample.ray.bearing_rad), fit.seen_rad[0]);
-            if along < 0.05 * wide || along > 0.95 * wide {
+            let along = difference(f64::from(sample.ray.bearing_rad), fit.seen_rad[0]) * scale / END_COLUMN_PX;
+            if !(0.0..count as f64).contains(&along) {
                 continue;
             }
             let (distance, height) = fit.plane.meet(&sample.ray);
-            let m_per_px = sample.ray.m_per_px(distance);
-            let height = height + fit.plane.lower_m;
-            let inside_px = (look.high_m() - height) / m_per_px;
-            if !(-BESIDE_PX..=BESIDE_PX).contains(&inside_px) {
-                continue;
+            let higher_px = (height + fit.plane.lower_m - high_m) / sample.ray.m_per_px(distance);
+            if (-END_REACH_PX[1]..=END_REACH_PX[0]).contains(&higher_px) {
+                columns[along as usize].push((higher_px, sample.gray));
+                px_per_rad += f64::from(sample.ray.px_per_elevation);
+                n += 1.0;
             }
-            let px_per_rad = f64::from(sample.ray.px_per_elevation);
-            let paint = height.min(look.high_m() - 2.0 * BLUR_PX * m_per_px);
-            let ring = rings::profile(look, &look.reflectance, paint, BLUR_PX * m_per_px, &mut by_ring);
-            pixels.push(self.pixel(fit, sample, inside_px / px_per_rad, px_per_rad, ring));
-            places.push(along * f64::from(sample.ray.px_per_bearing));
         }
-        edges::fit_rows(pixels, &places, (fit.noise, BLUR_PX), &[-1.5, 0.0, 1.5])
+        let steps: Vec<_> = columns.iter().filter_map(|c| near::step_at(c, &[-1.5, 0.0, 1.5])).collect();
+        let middle = median(&mut steps.iter().map(|step| step.0).collect::<Vec<_>>());
+        let is_near = |step: &&(f64, f64, f64, f64)| (step.0 - middle).abs() < 0.4 + 3.0 * step.1.sqrt();
+        let agreeing: Vec<_> = steps.iter().filter(is_near).collect();
+        let weights: f64 = agreeing.iter().map(|step| 1.0 / (step.1 + STEP_FLOOR_PX2)).sum();
+        let sum: f64 = agreeing.iter().map(|step| step.0 / (step.1 + STEP_FLOOR_PX2)).sum();
+        (agreeing.len() >= LEAST_END_COLUMNS).then(|| End {
+            higher_px: sum / weights,
+            sigma_px: (1.0 / weights).sqrt(),
+            agreement: agreeing.len() as f64 / count as f64,
+            px_per_rad: px_per_rad / n,
+        })
     }
 
     /// A lone edge leaves distance and height open together; with the upper end they are two of two.
@@ -74,23 +108,24 @@ impl PlateFinder {
     ) -> Option<PlaneFit> {
         let mut fit = fit.clone();
         let [lone, top] = [edge_m, self.pillar.high_m()].map(|z| camera_height_m - z);
+        // To begin with the announced heights hold, which leaves the edge where it is.
+        fit.plane.c *= lone / (lone + fit.plane.lower_m).max(0.5 * lone);
+        fit.plane.lower_m = 0.0;
         let mut sigma_rad = None;
         for _ in 0..END_ROUNDS {
             let end = self.end(samples, &fit)?;
-            let noise_px = end.sigma_rad * end.px_per_rad;
-            if end.agreement < LEAST_END_AGREEMENT || noise_px > WORST_END_PX {
+            if end.agreement < LEAST_END_AGREEMENT || end.sigma_px > WORST_END_PX {
                 return None;
             }
             let drops = [lone, top].map(|drop| (drop + fit.plane.lower_m) / fit.plane.c);
-            // Outwards is upwards.
-            let seen_top = drops[1] - end.outwards_rad * (1.0 + drops[1] * drops[1]);
+            let seen_top = drops[1] - end.higher_px / end.px_per_rad * (1.0 + drops[1] * drops[1]);
             let c = (lone - top) / (drops[0] - seen_top);
             if !(c > 0.7 * fit.plane.c && c < 1.4 * fit.plane.c) {
                 return None;
             }
             fit.plane.c = c;
             fit.plane.lower_m = c * drops[0] - lone;
-            sigma_rad = Some(noise_px.hypot(END_FLOOR_PX) / end.px_per_rad);
+            sigma_rad = Some(end.sigma_px.hypot(END_FLOOR_PX) / end.px_per_rad);
         }
         let c_sigma = fit.plane.c * fit.plane.c / (lone - top) * sigma_rad?;
         fit.covariance = Matrix2::new(fit.covariance[(0, 0)], 0.0, 0.0, c_sigma * c_sigma);
@@ -104,13 +139,39 @@ impl PlateFinder {
         let count = ((2.0 * reach * scale) as usize).max(3);
         let wide = 2.0 * reach / count as f64;
         let grams = self.sums(samples, &fit.plane, wrap(from + reach), reach, wide, count, BLUR_PX);
-        let measured = grams.iter().filter(|gram| gram[(0, 0)] >= 4.0).count();
-        let goes_on = shown(&grams, 0.0)
+        // Near at hand some columns show one stripe alone.
+        let measured = grams.iter().filter(|gram| shows_edge(gram)).count();
+        let goes_on = shown(&grams, self.noise2, 0.0)
             .iter()
             .flatten()
             .filter(|(correlation, gain)| correlation * fit.sign > 0.0 && gain.abs() > 0.3 * fit.gain)
             .count();
         goes_on as f64 / measured.max(1) as f64
+    }
+
+    /// Whether the stripes go on round a corner: then it is a box.
+    pub(super) fn has_corner(&self, samples: &[Sample], fit: &PlaneFit, [right, left]: [f64; 2]) -> bool {
+        let Some(scale) = samples.first().map(|s| f64::from(s.ray.px_per_bearing)) else { return false };
+        let (sin, cos) = fit.plane.alpha.sin_cos();
+        [(right, 1.0), (left, -1.0)].into_iter().any(|(at, outside)| {
+            // The next face goes straight back from the corner; it is in view where the observer is on its outer side.
+            let corner = Vector2::new(at.cos(), at.sin()) * fit.plane.distance(at);
+            let c = outside * (cos * corner.y - sin * corner.x);
+            let back = corner + Vector2::new(cos, sin) * FACE_M;
+            let wide = difference(back.y.atan2(back.x), at).abs() - CORNER_PX / scale;
+            let count = (wide * scale) as usize;
+            if c <= 0.02 || count < LEAST_FACE_COLUMNS {
+                return false;
+            }
+            let alpha = wrap(fit.plane.alpha + outside * FRAC_PI_2);
+            let face = Plane { alpha, c, lower_m: fit.plane.lower_m };
+            let reach = 0.5 * wide;
+            let middle = wrap(at - outside * (CORNER_PX / scale + reach));
+            let grams = self.sums(samples, &face, middle, reach, wide / count as f64, count, BLUR_PX);
+            let measured = grams.iter().filter(|gram| shows_edge(gram)).count();
+            let alike = shown(&grams, self.noise2, 0.1).iter().flatten().filter(|(c, _)| c * fit.sign > 0.0).count();
+            measured >= LEAST_FACE_COLUMNS && alike as f64 >= MOST_ROUND_CORNER * measured as f64
+        })
     }
 
     /// Whether the stripes go on above or below the plate: then it is a part of something taller.
@@ -161,15 +222,21 @@ impl PlateFinder {
         )
     }
 
-    /// Heights of the edges between two stripes that the picture reaches on both sides in the plate's middle.
-    pub(super) fn edges_in_view(&self, samples: &[Sample], fit: &PlaneFit, middle: f64) -> Vec<f64> {
-        let heights = samples
-            .iter()
-            .filter(|s| difference(f64::from(s.ray.bearing_rad), middle).abs() * f64::from(s.ray.px_per_bearing) < 3.0)
-            .map(|s| fit.plane.meet(&s.ray).1 + fit.plane.lower_m);
-        let (low, high) = heights.fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), z| (l.min(z), h.max(z)));
+    /// Heights of the edges between two stripes that the picture reaches on both sides in the middle of what shows stripes.
+    pub(super) fn edges_in_view(&self, samples: &[Sample], fit: &PlaneFit) -> Vec<f64> {
+        let middle = fit.seen_rad[0] + 0.5 * difference(fit.seen_rad[1], fit.seen_rad[0]);
+        let (mut low, mut high, mut margin) = (f64::INFINITY, f64::NEG_INFINITY, 0.0f64);
+        for sample in samples {
+            let aside = difference(f64::from(sample.ray.bearing_rad), middle);
+            if aside.abs() * f64::from(sample.ray.px_per_bearing) >= 3.0 {
+                continue;
+            }
+            let (distance, height) = fit.plane.meet(&sample.ray);
+            (low, high) = (low.min(height + fit.plane.lower_m), high.max(height + fit.plane.lower_m));
+            margin = margin.max(BEYOND_EDGE_PX * sample.ray.m_per_px(distance));
+        }
         let inner = &self.pillar.edges_m[1..self.pillar.edges_m.len() - 1];
-        inner.iter().copied().filter(|edge| *edge > low + 0.02 && *edge < high - 0.02).collect()
+        inner.iter().copied().filter(|edge| *edge > low + margin && *edge < high - margin).collect()
     }
 
     /// Bearing of one side of the plate, near `at`.

@@ -1,6 +1,6 @@
 //! The plane of a plate's stripes, from all of its pixels.
 
-use nalgebra::{Matrix2, Matrix3, SMatrix, SVector, Vector3};
+use nalgebra::{Matrix2, SMatrix, SVector};
 use protocol::angle::{difference, wrap};
 
 use super::super::look::MAX_RINGS;
@@ -14,12 +14,26 @@ const LEAST_CORRELATION: f64 = 0.85;
 const LEAST_MEDIAN: f64 = 0.985;
 const ROUNDS: usize = 8;
 /// Height of the camera over the peer's floor: mounting, tilt and floor together, metres.
-const HEIGHT_SIGMA_M: f64 = 0.02;
+const HEIGHT_SIGMA_M: f64 = 0.015;
 /// Most pixels of a fit: a plate near at hand has more than it needs.
 const MOST_PIXELS: usize = 1500;
 /// A first round whose stripes correlate less is not worth a second.
 const HOPELESS: f64 = 0.65;
 const LEAST_COLUMNS: usize = 4;
+/// What the bend is a priori, cylinders of the plate's width.
+const BEND_FREE: f64 = 3.0;
+/// A plate bends less than this beside noise, cylinders of its width, and a cylinder must fit worse by this much χ².
+const FLAT: f64 = 0.12;
+const FLAT_CHI2: f64 = 9.0;
+
+impl PlaneFit {
+    /// Whether it is flat, and the picture shows that it is no cylinder of that width.
+    pub(super) fn is_flat(&self) -> bool {
+        let [bend, sigma] = self.bend;
+        let variance = sigma * sigma + FLAT * FLAT / 4.0;
+        bend.abs() <= FLAT + 3.5 * sigma && 1.0 - 2.0 * bend > FLAT_CHI2 * variance
+    }
+}
 
 /// A vertical plane cosα·x + sinα·y = c, the observer at its near side.
 #[derive(Debug, Clone, Copy)]
@@ -57,9 +71,16 @@ pub(super) struct PlaneFit {
     pub(super) seen_rad: [f64; 2],
     pub(super) correlation: f64,
     pub(super) gain: f64,
+    /// Gray level of black over that of white less that of black.
+    pub(super) black: f64,
+    /// How much it bends away at its sides as a share of what a cylinder of its width does, and the standard deviation.
+    pub(super) bend: [f64; 2],
 }
 
-const N: usize = 6;
+/// Unknowns of a plate (α, c, height, bend) and entries of a column's sums: one, the profile, its derivatives, gray.
+const UNKNOWNS: usize = 4;
+const N: usize = UNKNOWNS + 3;
+const GRAY: usize = N - 1;
 pub(super) type Sums = SMatrix<f64, N, N>;
 
 impl PlateFinder {
@@ -89,11 +110,12 @@ impl PlateFinder {
         for round in 0..ROUNDS {
             let blur_px = if round < 2 { BLUR_PX.hypot(1.4) } else { BLUR_PX };
             let grams = self.sums(samples, &plane, bearing, reach, wide, count, blur_px);
-            let shown = shown(&grams, if round < 2 { 0.25 } else { 0.0 });
+            let shown = shown(&grams, self.noise2, if round < 2 { 0.25 } else { 0.0 });
             let (first, last, sign) = run(&shown, bearing_column(reach, wide))?;
-            let (mut h, mut g) = (Matrix3::<f64>::zeros(), Vector3::zeros());
+            let (mut h, mut g) = (SMatrix::<f64, UNKNOWNS, UNKNOWNS>::zeros(), SVector::<f64, UNKNOWNS>::zeros());
             let (mut rest2, mut dof, mut correlation, mut used) = (0.0, 0.0, 0.0, 0);
-            let (mut gains, mut correlations) = (Vec::new(), Vec::new());
+            let (mut gains, mut correlations, mut blacks) = (Vec::new(), Vec::new(), Vec::new());
+            let darkest = self.darkest(sign);
             for (gram, column) in grams[first..=last].iter().zip(&shown[first..=last]) {
                 let Some((own, gain)) = column.filter(|(c, _)| c * sign > 0.0) else { continue };
                 let n = gram[(0, 0)];
@@ -103,17 +125,18 @@ impl PlateFinder {
                     let pj = gram[(1, j)] - gram[(0, 1)] * gram[(0, j)] / n;
                     gram[(i, j)] - gram[(0, i)] * gram[(0, j)] / n - pi * pj / pp
                 };
-                for i in 0..3 {
-                    for j in 0..3 {
+                for i in 0..UNKNOWNS {
+                    for j in 0..UNKNOWNS {
                         h[(i, j)] += gain * gain * free(2 + i, 2 + j);
                     }
-                    g[i] += gain * free(2 + i, 5);
+                    g[i] += gain * free(2 + i, GRAY);
                 }
-                rest2 += free(5, 5).max(0.0);
+                rest2 += free(GRAY, GRAY).max(0.0);
                 dof += n - 2.0;
                 correlation += own.abs();
                 used += 1;
                 gains.push(gain.abs());
+                blacks.push(black(gram, gain, darkest));
                 correlations.push(own.abs());
             }
             if used < LEAST_COLUMNS || dof < 8.0 || correlation < HOPELESS * used as f64 {
@@ -125,8 +148,10 @@ impl PlateFinder {
                 h[(k, k)] += noise2 / (sigma * sigma);
                 g[k] += noise2 * value / (sigma * sigma);
             }
-            let inverse = h.try_inverse()?;
-            let delta = inverse * g;
+            let bend = bend(h, g, noise2)?;
+            // A plate is flat: what bends is held while the plane is fitted.
+            let inverse = h.fixed_view::<3, 3>(0, 0).into_owned().try_inverse()?;
+            let delta = inverse * g.fixed_rows::<3>(0);
             plane.alpha += delta[0].clamp(-0.25, 0.25);
             plane.c += delta[1].clamp(-0.08 * plane.c, 0.08 * plane.c);
             plane.lower_m += delta[2].clamp(-0.02, 0.02);
@@ -144,12 +169,19 @@ impl PlateFinder {
                 seen_rad: [at(first), at(last)],
                 correlation: median(&mut correlations),
                 gain: median(&mut gains),
+                black: median(&mut blacks),
+                bend,
             });
         }
         fitted.filter(|f| f.correlation > LEAST_MEDIAN && f.gain > 6.0 * f.noise)
     }
 
-    /// Sums over (1, profile, d/dα, d/dc, d/dlower, gray) by column.
+    /// Which reflectance of the front is black on the side of a sign.
+    pub(super) fn darkest(&self, sign: f64) -> f64 {
+        if sign > 0.0 { 0.0 } else { 2.0 * self.pillar.middle_reflectance() }
+    }
+
+    /// Sums over (1, profile, d/dα, d/dc, d/dlower, d/dbend, gray) by column.
     #[allow(clippy::too_many_arguments)]
     pub(super) fn sums(
         &self,
@@ -189,6 +221,8 @@ impl PlateFinder {
                 by_height * (turned.meet(&sample.ray).1 - height) / 1e-4,
                 by_height * (farther.meet(&sample.ray).1 - height) / (plane.c * 1e-4),
                 by_height,
+                // About the plane's middle; where that is, turn and distance make up for.
+                by_height * f64::from(sample.ray.slope) * (distance * aside.sin()).powi(2) / self.look.width_m,
                 sample.gray,
             ]);
             grams[(((aside + reach) / wide) as usize).min(count - 1)] += row * row.transpose();
@@ -197,23 +231,41 @@ impl PlateFinder {
     }
 }
 
+/// The bend let go beside the plane.
+fn bend(mut h: SMatrix<f64, UNKNOWNS, UNKNOWNS>, g: SVector<f64, UNKNOWNS>, noise2: f64) -> Option<[f64; 2]> {
+    h[(3, 3)] += noise2 / (BEND_FREE * BEND_FREE);
+    let inverse = h.try_inverse()?;
+    Some([(inverse * g)[3], (inverse[(3, 3)] * noise2).sqrt()])
+}
+
 fn bearing_column(reach: f64, wide: f64) -> usize {
     (reach / wide) as usize
 }
 
+/// Gray level of black over white's less black's in a column.
+pub(super) fn black(gram: &Sums, gain: f64, darkest: f64) -> f64 {
+    ((gram[(0, GRAY)] - gain * gram[(0, 1)]) / gram[(0, 0)] + gain * darkest) / gain.abs()
+}
+
+/// Whether a column has pixels of different stripes.
+pub(super) fn shows_edge(gram: &Sums) -> bool {
+    let n = gram[(0, 0)];
+    n >= 4.0 && gram[(1, 1)] - gram[(0, 1)].powi(2) / n >= 2e-3 * n
+}
+
 /// Correlation and gain of each column that shows stripes or their negative.
-pub(super) fn shown(grams: &[Sums], slack: f64) -> Vec<Option<(f64, f64)>> {
+pub(super) fn shown(grams: &[Sums], noise2: f64, slack: f64) -> Vec<Option<(f64, f64)>> {
     grams
         .iter()
         .map(|gram| {
             let n = gram[(0, 0)];
             let pp = gram[(1, 1)] - gram[(0, 1)].powi(2) / n;
-            if n < 4.0 || pp < 2e-3 * n {
+            if !shows_edge(gram) {
                 return None;
             }
-            let pi = gram[(1, 5)] - gram[(0, 1)] * gram[(0, 5)] / n;
-            let ii = gram[(5, 5)] - gram[(0, 5)].powi(2) / n;
-            let correlation = pi / (pp * (ii + 0.25 * n)).sqrt();
+            let pi = gram[(1, GRAY)] - gram[(0, 1)] * gram[(0, GRAY)] / n;
+            let ii = gram[(GRAY, GRAY)] - gram[(0, GRAY)].powi(2) / n;
+            let correlation = pi / (pp * rings::without_noise(ii, n, noise2).max(pi * pi / pp)).sqrt();
             (correlation.abs() > LEAST_CORRELATION - slack).then_some((correlation, pi / pp))
         })
         .collect()

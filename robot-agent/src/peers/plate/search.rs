@@ -25,12 +25,14 @@ const PLACES: [f64; 10] = [-0.9, -0.7, -0.5, -0.3, -0.1, 0.1, 0.3, 0.5, 0.7, 0.9
 const VOTE: [f32; 2] = [0.6, 0.9];
 /// Least mean vote of the places.
 const LEAST_SUPPORT: f32 = 0.4;
+/// Least support beyond what goes on on both sides.
+const LEAST_WORTH: f32 = 0.15;
 /// Grey levels per unit of reflectance below which nothing is a stripe.
 const LEAST_GAIN: f32 = 12.0;
 /// Sensor noise and rounding in the panorama, squared grey levels.
 const NOISE2: f32 = 2.0;
 /// Most candidates of one picture.
-const MAX_CANDIDATES: usize = 16;
+const MAX_CANDIDATES: usize = 24;
 
 /// A place where a plate may be.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -152,9 +154,9 @@ impl PlateSearch {
         let mut peaks: Vec<Peak> = Vec::new();
         for l in 0..self.levels.len() {
             for u in (0..width).step_by(HOP) {
-                let (support, _) = self.support[l * width + u];
-                if support >= LEAST_SUPPORT {
-                    peaks.push((support, l, u));
+                let worth = self.worth(l, u);
+                if worth >= LEAST_WORTH && self.support[l * width + u].0 >= LEAST_SUPPORT {
+                    peaks.push((worth, l, u));
                 }
             }
         }
@@ -169,6 +171,14 @@ impl PlateSearch {
             turn_rad: TURNS[usize::from(self.support[l * width + u].1)],
         };
         strongest(peaks, width, MAX_CANDIDATES, near).into_iter().map(candidate).collect()
+    }
+
+    /// Support less what goes on on either side: the foot of a wall looks like two stripes all along, a plate ends.
+    fn worth(&self, l: usize, u: usize) -> f32 {
+        let width = self.grid.width;
+        let beside = ((2.2 * self.levels[l].half_columns) as usize).clamp(HOP, width / 2 - 1) / HOP * HOP;
+        let at = |u: usize| self.support[l * width + u % width].0;
+        at(u) - at(u + beside).min(at(u + width - beside))
     }
 }
 

@@ -1,0 +1,64 @@
+//! Names and headings where a side of the body may be hidden.
+//!
+//! Problem: what stands before a body and hides one side of it may make the bars there look like those of another robot, all of
+//! whose other bars fit. Insight: the bars next to the side that is not seen are the doubtful ones. Algorithm: without them
+//! the reading must be the same.
+
+use super::super::bars::{self, Reading};
+use super::super::edges::Side;
+use super::super::rays::Sample;
+use super::super::rings::RingFit;
+use super::CylinderFinder;
+
+/// Next to a missing outline bars are doubtful from this share of the half width on; headings with and without them differ by less.
+const DOUBTFUL_SHARE: f64 = 0.2;
+const SAME_HEADING_RAD: f64 = 0.1;
+/// A side is whole where more than this share of its third of the columns shows rings.
+const WHOLE_SIDE: f64 = 0.85;
+
+impl CylinderFinder {
+    /// Whether rings are shown up to where an outline should be.
+    fn shows_up_to(rings: &RingFit, side: Side) -> bool {
+        let measured: Vec<bool> =
+            rings.columns.iter().filter(|c| c.correlation != 0.0).map(|c| c.visible || c.is_mixed).collect();
+        let few = (measured.len() / 3).max(1);
+        let shown = match side {
+            Side::Left => measured.iter().rev().take(few).filter(|v| **v).count(),
+            Side::Right => measured.iter().take(few).filter(|v| **v).count(),
+        };
+        shown as f64 > WHOLE_SIDE * few as f64
+    }
+
+    /// Where an outline is missing somebody may stand before the bars next to it: name and heading must be the same without them.
+    pub(super) fn confirmed(
+        &self,
+        samples: &[Sample],
+        rings: &RingFit,
+        hidden: &[[f64; 2]],
+        mut reading: Reading,
+        [left, right]: [bool; 2],
+    ) -> Reading {
+        let [left, right] =
+            [(left, Side::Left), (right, Side::Right)].map(|(seen, side)| seen || Self::shows_up_to(rings, side));
+        if left && right || !(reading.is_named || reading.has_heading) {
+            return reading;
+        }
+        let half = rings.cylinder(self.look.radius_m).outline_rad;
+        let [inner, outer] =
+            [DOUBTFUL_SHARE * half, 1.2 * half].map(|aside| [-1.0, 1.0].map(|s| rings.bearing_rad + s * aside));
+        let mut hidden = hidden.to_vec();
+        if !left {
+            hidden.push([inner[1], outer[1]]);
+        }
+        if !right {
+            hidden.push([outer[0], inner[0]]);
+        }
+        let again = bars::read(samples, &self.look, rings, &hidden).filter(|again| {
+            again.pattern == reading.pattern
+                && protocol::angle::difference(again.heading_rad[0], reading.heading_rad[0]).abs() < SAME_HEADING_RAD
+        });
+        reading.is_named &= again.as_ref().is_some_and(|again| again.is_named);
+        reading.has_heading &= again.is_some_and(|again| again.has_heading);
+        reading
+    }
+}

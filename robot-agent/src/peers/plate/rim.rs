@@ -1,0 +1,375 @@
+//! A plate so near that at most a corner of its second stripe is in view: found and measured by its upper end.
+//!
+//! Problem: below 0.8 m a camera at 0.6 m sees one stripe of a plate, and stripes are what it is found by. Insight: the upper end
+//! is a straight level line of announced height, whose place in each column gives the plane as stripes do; it must end on both
+//! sides in upright edges just as far apart as the plate is wide. Algorithm: as for near cylinders (`super::super::near`) at every
+//! distance and turn the contrast across the line is taken at ten places and across both sides; the best are fitted column by
+//! column. A corner of the second stripe must be in view: it must be the announced one, and says which side one looks at. (With the
+//! end and both sides alone more plates are found at 0.6 to 0.75 m, front and back alike, and one door in 370 rooms.)
+
+use std::f64::consts::TAU;
+
+use nalgebra::{Matrix2, Matrix3, Vector3};
+use protocol::angle::{difference, wrap};
+
+use super::super::look::PlateLook;
+use super::super::near;
+use super::super::rays::Sample;
+use super::super::rings::{BLUR_PX, median};
+use super::super::search::Grid;
+use super::plane::{Plane, PlaneFit, black, shown, shows_edge};
+use super::search::PlateCandidate;
+use super::{LEAST_FILLED, MOST_BLACK, PlateFinder, Posed};
+
+/// Nearest and farthest distance of a plate's middle, metres, and the step between distances.
+const DISTANCE_M: [f64; 2] = [0.4, 1.15];
+const STEP: f64 = 1.04;
+/// Turns of the plate from or towards the line of sight, radians.
+const TURNS: [f64; 9] = [0.0, -0.25, 0.25, -0.5, 0.5, -0.75, 0.75, -1.0, 1.0];
+/// Places along the line, as shares of the half width; so many may miss the contrast (a mast stands before some), and so many must
+/// be in view.
+const PLACES: [f64; 10] = [-0.9, -0.7, -0.5, -0.3, -0.1, 0.1, 0.3, 0.5, 0.7, 0.9];
+const STRAYS: usize = 2;
+const LEAST_PLACES: usize = 8;
+/// Least contrast, grey levels; beyond these it says no more: of an outline in one row, of an outline, of the line.
+const LEAST_STEP: i32 = 5;
+const MOST_ROW: i32 = 20;
+const MOST_OUTLINE: i32 = 15;
+const MOST_LINE: i32 = 30;
+/// Sides are looked at in every so many rows, from so many below the line on, in so many at least and at most.
+const OUTLINE_EVERY: usize = 3;
+const OUTLINE_BELOW: usize = 3;
+const OUTLINE_ROWS: [usize; 2] = [3, 8];
+/// Columns between two places of the search.
+const STRIDE: usize = 2;
+const MAX_CANDIDATES: usize = 16;
+/// Columns of the fit: so many at most, so wide at least, pixels.
+const MOST_COLUMNS: f64 = 80.0;
+const COLUMN_PX: f64 = 1.5;
+/// So far above and below the line a column is looked at, pixels.
+const REACH_PX: [f64; 2] = [3.5, 5.0];
+const ROUNDS: usize = 6;
+/// Least columns and share of them that agree, and their largest RMS distance from the line, pixels.
+const LEAST_COLUMNS: usize = 10;
+const LEAST_AGREEING: f64 = 0.6;
+const WORST_RMS_PX: f64 = 0.3;
+/// The line is straight and level to this, pixels.
+const LINE_FLOOR_PX: f64 = 0.05;
+/// What a line is worth beside stripes: where both are to be had, stripes are taken.
+const CORRELATION: f64 = 0.97;
+/// A line that bends by more than this beside two sigmas is a cylinder's or none, cylinders of the plate's width.
+const STRAIGHT: f64 = 0.04;
+/// So many columns must show two stripes: without, chairs, boxes and doors are taken for plates.
+const DECIDING_COLUMNS: usize = 5;
+/// A lone upper end reaches to its sides but for this share of the width; they are as sharp as this, pixels, in so many rows.
+const MOST_SHORT: f64 = 0.08;
+const SHARP_PX: f64 = 0.2;
+const SHARP_AGREEMENT: f64 = 0.75;
+const SHARP_ROWS: usize = 8;
+/// The line goes on beyond a side where its place is as near as this in more than this share of the columns there.
+const GOES_ON_PX: f64 = 0.6;
+const MOST_GOING_ON: f64 = 0.4;
+
+#[derive(Debug)]
+struct Level {
+    distance_m: f64,
+    turn_rad: f64,
+    half_columns: f64,
+    /// Column beside the middle's and row of the line's lower side there.
+    places: Vec<(i64, usize)>,
+    /// Columns of right and left side beside the middle's, and the rows in which they are looked at.
+    sides: [(i64, Vec<usize>); 2],
+}
+
+/// The coarse search for near plates.
+#[derive(Debug)]
+pub(super) struct RimSearch {
+    grid: Grid,
+    levels: Vec<Level>,
+}
+
+impl RimSearch {
+    /// Prepares the lines of a look for a camera at this height.
+    pub(super) fn new(grid: Grid, look: &PlateLook, camera_height_m: f64) -> Self {
+        let [top, bottom] = grid.tangents;
+        let rise = look.bottom_m + look.height_m - camera_height_m;
+        let row = |distance: f64| (top - rise / distance) / (top - bottom) * grid.height as f64;
+        let mut levels = Vec::new();
+        let mut distance_m = DISTANCE_M[0];
+        while distance_m < DISTANCE_M[1] {
+            for turn_rad in TURNS {
+                let at = |share: f64| {
+                    let y = 0.5 * share * look.width_m;
+                    let (ahead, aside) = ((distance_m - y * turn_rad.sin()).max(0.1), y * turn_rad.cos());
+                    ((-aside.atan2(ahead) / TAU * grid.width as f64).round() as i64, row(ahead.hypot(aside)))
+                };
+                let places: Vec<_> = PLACES
+                    .into_iter()
+                    .map(at)
+                    .filter(|(_, row)| *row >= 4.0 && row + 3.0 < grid.height as f64)
+                    .map(|(column, row)| (column, row.round() as usize))
+                    .collect();
+                let sides = [-1.0, 1.0].map(|share| {
+                    let (column, row) = at(share);
+                    let first = row.round().max(0.0) as usize + OUTLINE_BELOW;
+                    (column, (first..grid.height).step_by(OUTLINE_EVERY).take(OUTLINE_ROWS[1]).collect::<Vec<_>>())
+                });
+                if places.len() >= LEAST_PLACES && sides.iter().any(|(_, rows)| rows.len() >= OUTLINE_ROWS[0]) {
+                    let half_columns = 0.5 * (sides[0].0 - sides[1].0).abs() as f64;
+                    levels.push(Level { distance_m, turn_rad, half_columns, places, sides });
+                }
+            }
+            distance_m *= STEP;
+        }
+        Self { grid, levels }
+    }
+
+    /// Candidates, best first. `panorama` holds one byte a pixel of the grid.
+    pub(super) fn run(&self, panorama: &[u8]) -> Vec<PlateCandidate> {
+        let width = self.grid.width;
+        let mut peaks: Vec<(i32, usize, usize)> = Vec::new();
+        for (l, level) in self.levels.iter().enumerate() {
+            for u in (0..width).step_by(STRIDE) {
+                let contrast = self.contrast(panorama, level, u);
+                if contrast >= LEAST_STEP {
+                    let outlines: i32 = level.sides.iter().map(|side| self.outline(panorama, side, u)).sum();
+                    peaks.push((6 * outlines + contrast.min(MOST_LINE), l, u));
+                }
+            }
+        }
+        peaks.sort_by(|a, b| b.0.cmp(&a.0).then(a.1.cmp(&b.1)).then(a.2.cmp(&b.2)));
+        let mut picked: Vec<(usize, usize)> = Vec::new();
+        for (_, l, u) in peaks {
+            let is_near = |(pl, pu): &(usize, usize)| {
+                let apart = (u + width - pu) % width;
+                let (own, other) = (&self.levels[l], &self.levels[*pl]);
+                (apart.min(width - apart) as f64) < 0.4 * own.half_columns
+                    && (0.9..1.11).contains(&(own.distance_m / other.distance_m))
+                    && (own.turn_rad - other.turn_rad).abs() < 0.6
+            };
+            if !picked.iter().any(is_near) {
+                picked.push((l, u));
+                if picked.len() == MAX_CANDIDATES {
+                    break;
+                }
+            }
+        }
+        let candidate = |(l, u): (usize, usize)| PlateCandidate {
+            bearing_rad: wrap(self.grid.seam_rad - TAU * (u as f64 + 0.5) / width as f64),
+            distance_m: self.levels[l].distance_m,
+            turn_rad: self.levels[l].turn_rad,
+        };
+        picked.into_iter().map(candidate).collect()
+    }
+
+    /// The contrast across the line that all but a few places reach with one sign; 0 where more have too little.
+    fn contrast(&self, panorama: &[u8], level: &Level, u: usize) -> i32 {
+        let width = self.grid.width;
+        let mut steps = [0i32; PLACES.len()];
+        let (mut not_up, mut not_down) = (0, 0);
+        for (step, (aside, row)) in steps.iter_mut().zip(&level.places) {
+            let column = (u as i64 + aside).rem_euclid(width as i64) as usize;
+            let gray = |row: usize| i32::from(panorama[row * width + column]);
+            *step = (gray(row - 3) + gray(row - 2) - gray(row + 1) - gray(row + 2)) / 2;
+            not_up += usize::from(*step < LEAST_STEP);
+            not_down += usize::from(*step > -LEAST_STEP);
+            if not_up > STRAYS && not_down > STRAYS {
+                return 0;
+            }
+        }
+        let steps = &mut steps[..level.places.len()];
+        steps.sort_unstable();
+        steps[STRAYS].max(-steps[steps.len() - 1 - STRAYS])
+    }
+
+    /// Mean contrast across one side, whichever half is the brighter one in a row; 0 where too few rows are in view.
+    fn outline(&self, panorama: &[u8], (beside, rows): &(i64, Vec<usize>), u: usize) -> i32 {
+        let width = self.grid.width as i64;
+        if rows.len() < OUTLINE_ROWS[0] {
+            return 0;
+        }
+        let [a, b, c, d] = [-3, -2, 2, 3].map(|out| (u as i64 + beside + out).rem_euclid(width) as usize);
+        let contrast = |row: &usize| {
+            let gray = |column: usize| i32::from(panorama[row * self.grid.width + column]);
+            ((gray(a) + gray(b) - gray(c) - gray(d)) / 2).abs().min(MOST_ROW)
+        };
+        (rows.iter().map(contrast).sum::<i32>() / rows.len() as i32).min(MOST_OUTLINE)
+    }
+}
+
+/// Pixels of a column about the line (how much higher, gray), and sums of their bearings and scales.
+#[derive(Clone, Default)]
+struct Column {
+    pixels: Vec<(f64, f64)>,
+    along: f64,
+    scale: f64,
+}
+
+/// One column across the line.
+struct Crossing {
+    bearing_rad: f64,
+    higher_px: f64,
+    variance_px2: f64,
+    step: f64,
+    noise: f64,
+    px_per_rad: f64,
+}
+
+impl PlateFinder {
+    /// The plane of an upper end near a bearing. `rise_m`: of the end above the camera.
+    pub(super) fn fit_rim(&self, samples: &[Sample], start: Plane, bearing: f64, rise_m: f64) -> Option<PlaneFit> {
+        let mut plane = start;
+        let half = 0.5 * self.look.width_m;
+        let mut fitted = None;
+        for round in 0..ROUNDS {
+            // Along the plane from the foot of its normal.
+            let middle = plane.c * (bearing - plane.alpha).tan();
+            let [right, left] =
+                [-0.96, 0.96].map(|share| wrap(plane.alpha + ((middle + share * half) / plane.c).atan()));
+            let starts: &[f64] = if round < 2 { &[-1.5, 0.0, 1.5] } else { &[0.0] };
+            let (crossings, asked) = self.crossings(samples, &plane, [right, left], starts);
+            let up = crossings.iter().filter(|c| c.step > 0.0).count();
+            let is_up = 2 * up >= crossings.len();
+            let one_sign = || crossings.iter().filter(|c| (c.step > 0.0) == is_up);
+            let centre = match round {
+                0 | 1 => median(&mut one_sign().map(|c| c.higher_px).collect::<Vec<_>>()),
+                _ => 0.0,
+            };
+            let gate = if round < 2 { 1.5 } else { 0.6 };
+            let agreeing: Vec<&Crossing> = one_sign().filter(|c| (c.higher_px - centre).abs() < gate).collect();
+            if agreeing.len() < LEAST_COLUMNS || (agreeing.len() as f64) < LEAST_AGREEING * asked as f64 {
+                return None;
+            }
+            let elevation = |alpha: f64, c: f64, bend: f64, at: f64| {
+                let along = c * (at - alpha).tan() - middle;
+                let farther = bend * along * along / self.look.width_m;
+                rise_m.atan2(c / (at - alpha).cos().max(0.05) + farther)
+            };
+            let (mut h, mut g, mut chi2, mut squares) = (Matrix3::zeros(), Vector3::zeros(), 0.0, 0.0);
+            for crossing in &agreeing {
+                let (alpha, c, at) = (plane.alpha, plane.c, crossing.bearing_rad);
+                let here = elevation(alpha, c, 0.0, at);
+                let row = Vector3::new(
+                    (elevation(alpha + 1e-4, c, 0.0, at) - here) / 1e-4,
+                    (elevation(alpha, c * 1.0001, 0.0, at) - here) / (c * 1e-4),
+                    (elevation(alpha, c, 1e-3, at) - here) / 1e-3,
+                ) * crossing.px_per_rad;
+                let weight = 1.0 / (crossing.variance_px2 + LINE_FLOOR_PX * LINE_FLOOR_PX);
+                h += weight * row * row.transpose();
+                g += weight * row * crossing.higher_px;
+                chi2 += weight * crossing.higher_px * crossing.higher_px;
+                squares += crossing.higher_px * crossing.higher_px;
+            }
+            let n = agreeing.len() as f64;
+            let inflate = (chi2 / (n - 2.0)).max(1.0);
+            let inverse: Matrix2<f64> = h.fixed_view::<2, 2>(0, 0).into_owned().try_inverse()?;
+            let delta = inverse * g.fixed_rows::<2>(0);
+            let free = h.try_inverse()?;
+            plane.alpha += delta[0].clamp(-0.2, 0.2);
+            plane.c += delta[1].clamp(-0.08 * plane.c, 0.08 * plane.c);
+            let drift = plane.distance(bearing) / start.distance(bearing);
+            if !(plane.c > 0.15 && (0.75..1.33).contains(&drift)) {
+                return None;
+            }
+            if round + 1 == ROUNDS && (squares / n).sqrt() > WORST_RMS_PX {
+                return None;
+            }
+            let bearings = agreeing.iter().map(|c| difference(c.bearing_rad, bearing));
+            let (first, last) = bearings.fold((f64::MAX, f64::MIN), |(low, high), b| (low.min(b), high.max(b)));
+            fitted = Some(PlaneFit {
+                plane,
+                covariance: inverse * inflate,
+                noise: median(&mut agreeing.iter().map(|c| c.noise).collect::<Vec<_>>()).max(0.5),
+                sign: 1.0,
+                seen_rad: [wrap(bearing + first), wrap(bearing + last)],
+                correlation: CORRELATION,
+                gain: median(&mut agreeing.iter().map(|c| c.step.abs()).collect::<Vec<_>>()),
+                black: 0.0,
+                bend: [(free * g)[2], (free[(2, 2)] * inflate).sqrt()],
+            });
+        }
+        fitted
+    }
+
+    /// Whether an upper end is a straight line.
+    pub(super) fn is_straight(fit: &PlaneFit) -> bool {
+        let [bend, sigma] = fit.bend;
+        bend.abs() < STRAIGHT + 2.0 * sigma && fit.is_flat()
+    }
+
+    /// Where the upper end is in each column between two bearings, and how many columns there are.
+    fn crossings(
+        &self,
+        samples: &[Sample],
+        plane: &Plane,
+        [right, left]: [f64; 2],
+        starts_px: &[f64],
+    ) -> (Vec<Crossing>, usize) {
+        let Some(scale) = samples.first().map(|s| f64::from(s.ray.px_per_bearing)) else { return (Vec::new(), 0) };
+        let wide = difference(left, right);
+        let count = (wide * scale / COLUMN_PX).clamp(1.0, MOST_COLUMNS) as usize;
+        let mut columns = vec![Column::default(); count];
+        for sample in samples {
+            let along = difference(f64::from(sample.ray.bearing_rad), right);
+            let at = along / wide * count as f64;
+            if !(0.0..count as f64).contains(&at) {
+                continue;
+            }
+            let (distance, height) = plane.meet(&sample.ray);
+            let higher_px = (height - self.pillar.high_m()) / sample.ray.m_per_px(distance);
+            if (-REACH_PX[1]..=REACH_PX[0]).contains(&higher_px) {
+                let column = &mut columns[at as usize];
+                column.pixels.push((higher_px, sample.gray));
+                column.along += along;
+                column.scale += f64::from(sample.ray.px_per_elevation);
+            }
+        }
+        let crossing = |column: &Column| {
+            let n = column.pixels.len() as f64;
+            let (higher_px, variance_px2, step, noise) = near::step_at(&column.pixels, starts_px)?;
+            let bearing_rad = wrap(right + column.along / n);
+            Some(Crossing { bearing_rad, higher_px, variance_px2, step, noise, px_per_rad: column.scale / n })
+        };
+        (columns.iter().filter_map(crossing).collect(), count)
+    }
+
+    /// Which side of a plate one looks at by the columns that show two stripes: 1 the front, −1 the back; `None` where they show
+    /// something else or are too few.
+    pub(super) fn side_shown(&self, samples: &[Sample], fit: &PlaneFit) -> Option<f64> {
+        let scale = samples.first().map(|s| f64::from(s.ray.px_per_bearing))?;
+        let reach = 0.48 * difference(fit.seen_rad[1], fit.seen_rad[0]);
+        let middle = wrap(fit.seen_rad[0] + 0.5 * difference(fit.seen_rad[1], fit.seen_rad[0]));
+        let count = ((2.0 * reach * scale) as usize).max(1);
+        let grams = self.sums(samples, &fit.plane, middle, reach, 2.0 * reach / count as f64, count, BLUR_PX);
+        let measured = grams.iter().filter(|gram| shows_edge(gram)).count();
+        if measured < DECIDING_COLUMNS {
+            return None;
+        }
+        let shown = shown(&grams, self.noise2, 0.0);
+        let share = |sign: f64| shown.iter().flatten().filter(|(c, _)| c * sign > 0.0).count() as f64 / measured as f64;
+        let sign = [1.0, -1.0].into_iter().find(|sign| share(*sign) >= LEAST_FILLED)?;
+        let columns = grams.iter().zip(&shown).filter_map(|(gram, column)| Some((gram, column.as_ref()?.1)));
+        let mut blacks: Vec<f64> = columns.map(|(gram, gain)| black(gram, gain, self.darkest(sign))).collect();
+        (median(&mut blacks) <= MOST_BLACK).then_some(sign)
+    }
+
+    /// Whether the upper end goes on beyond one of its sides.
+    pub(super) fn rim_goes_on(&self, samples: &[Sample], fit: &PlaneFit, [right, left]: [f64; 2], out: f64) -> bool {
+        let beside = 0.2 * difference(left, right);
+        [[right - out - beside, right - out], [left + out, left + out + beside]].into_iter().any(|sector| {
+            let (crossings, asked) = self.crossings(samples, &fit.plane, sector, &[0.0]);
+            let on = crossings.iter().filter(|c| c.higher_px.abs() < GOES_ON_PX).count();
+            on as f64 > MOST_GOING_ON * asked as f64
+        })
+    }
+
+    /// Whether an upper end reaches from side to side, both of which are sharp.
+    pub(super) fn is_full(&self, fit: &PlaneFit, posed: &Posed) -> bool {
+        let wide = difference(posed.left.0, posed.right.0);
+        let short = [difference(fit.seen_rad[0], posed.right.0), difference(posed.left.0, fit.seen_rad[1])];
+        let is_sharp = |edge: &super::EdgeFit| {
+            edge.sigma_rad * edge.px_per_rad < SHARP_PX && edge.agreement > SHARP_AGREEMENT && edge.rows >= SHARP_ROWS
+        };
+        short.iter().all(|short| *short < MOST_SHORT * wide) && is_sharp(&posed.right.1) && is_sharp(&posed.left.1)
+    }
+}
