@@ -26,7 +26,6 @@ pub struct Token(pub u64);
 
 /// Everything that happens to an agent.
 #[derive(Debug, Clone)]
-#[expect(clippy::large_enum_variant, reason = "a few a second, and never many at once")]
 pub enum Input {
     /// A picture.
     Frame(Frame),
