@@ -4,6 +4,8 @@ use protocol::angle::difference;
 use protocol::appearance::{Appearance, BANDS, Band};
 use protocol::id::TrackId;
 
+use crate::tracking::Expected;
+
 use super::*;
 
 #[test]
