@@ -18,14 +18,14 @@ use crate::stereo::triangulate::height_m;
 /// Variance below which the height of a top does not fall, m².
 const TOP_FLOOR_VAR: f64 = 0.0016;
 /// A frame never counts for less than this part of a frame with an error of its own.
-pub const MOST_REPEAT: f64 = 1.65;
+pub const MOST_REPEAT: f64 = 2.5;
 /// Where the rays leave the place so unsure (larger axis, metres), ranges from feet, head and width help.
 const UNSURE_M: f64 = 0.15;
 /// How much less a range from feet, head and width says with every frame: the gait, the clothes, the shadow stay.
 const RANGE_REPEAT: f64 = 10.0;
 /// What a frame counts for, apart from others and in one region with them: errors of successive frames are alike.
-const TEMPER: f64 = 0.9;
-const TEMPER_MERGED: f64 = 0.3;
+const TEMPER: f64 = 0.6;
+const TEMPER_MERGED: f64 = 0.18;
 /// What a squared sigma of a single robot's range is worth in a frame, nats, where the target's is known to this part: ranges
 /// of feet and heads err alike from frame to frame. The same for looks, which are told seldom.
 const CUE_WORTH: f64 = 0.1;

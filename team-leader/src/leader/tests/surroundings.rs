@@ -19,7 +19,9 @@ fn every_standing_robot_is_told_where_people_are_in_its_own_frame_and_time() {
             "robot {robot}: {} neighbours, {near:.3} within 0.5 m of somebody, {named:.3} with a track",
             told.len()
         );
-        assert!(told.len() > 200 && near > 0.93 && named > 0.8);
+        // The one that drove follows nobody until it has stood for a while.
+        let least_named = if robot == 1 { 0.5 } else { 0.8 };
+        assert!(told.len() > 200 && near > 0.93 && named > least_named);
         let driving = |at_s: f64| robot == 1 && (10.5..13.9).contains(&at_s);
         assert!(!told.iter().any(|(_, at_s, ..)| driving(*at_s)), "a robot that moves has no place to look from");
     }
