@@ -46,7 +46,7 @@ use state::{Context, Seen, State};
 use window::Kept;
 
 pub use likelihood::stretch;
-pub use state::MOST_REPEAT;
+pub use state::{MOST_REPEAT, ObservedBy};
 
 /// Most targets followed at once.
 const MAX_TARGETS: usize = 256;
@@ -61,7 +61,7 @@ const CONFIRMED_UPDATES: u32 = 6;
 /// What a robot followed this long ago it still follows, seconds.
 const PRESENT_S: f64 = 0.3;
 /// A target counts as seen by a robot for so long after its last bearing, seconds.
-pub const OBSERVED_S: f64 = 0.35;
+const OBSERVED_S: f64 = 0.35;
 
 /// All moving objects.
 #[derive(Debug)]
@@ -286,6 +286,12 @@ impl Followed {
     /// Whether it may be shown: believed, seen by two robots, sure enough.
     pub fn is_confirmed(&self) -> bool {
         self.state.updates >= CONFIRMED_UPDATES && self.state.two_robots
+    }
+
+    /// [`Self::covariance`] where it is small enough for the place to be published.
+    pub fn published_covariance(&self, calibrator: &Calibrator, config: &TargetConfig) -> Option<Matrix2<f64>> {
+        let covariance = self.covariance(calibrator);
+        (covariance.symmetric_eigenvalues().max().sqrt() <= config.publish_below_m).then_some(covariance)
     }
 
     /// Position covariance with the poses' part, m².

@@ -67,8 +67,8 @@ pub fn rules(team: TeamId, role: Role, name: &str) -> Vec<Rule> {
     }
 }
 
-/// What a robot needs: who its fellows are, which leaders there are, where to go and where to look, when recordings begin. Not the map, and not
-/// what its fellows see.
+/// What a robot needs: who its fellows are, which leaders there are, where to go and where to look, when recordings begin. Not
+/// the map, and not what its fellows see.
 fn readable_by_robot(team: TeamId, name: &str) -> Vec<String> {
     let mut keys = with_history(Pattern::EveryRobot(team, RobotTopic::Announcement).to_string());
     keys.push(Pattern::EveryLeader(team).to_string());

@@ -18,7 +18,7 @@ use super::geometry::Cylinder;
 use super::look::CylinderLook;
 use super::rays::Sample;
 use super::rings::{BLUR_PX, Column, RingFit, median};
-use super::search::{Candidate, Grid};
+use super::search::{Candidate, Grid, Peak, strongest};
 
 /// Step between ranges, and most of them.
 const RANGE_STEP: f64 = 1.03;
@@ -37,8 +37,8 @@ const LEAST_STEP: i32 = 6;
 const STRIDE: usize = 2;
 /// An outline is looked at in every third row from so many below the curve on, in so many rows at most, where there are as many
 /// as the last.
-const OUTLINE_BELOW: usize = 3;
-const OUTLINE_EVERY: usize = 3;
+pub(super) const OUTLINE_BELOW: usize = 3;
+pub(super) const OUTLINE_EVERY: usize = 3;
 const OUTLINE_ROWS: [usize; 2] = [3, 6];
 /// Contrast beyond this says no more, grey levels: of an outline in one row, of an outline, of the curve.
 const MOST_ROW: i32 = 20;
@@ -170,34 +170,25 @@ impl NearSearch {
 
     fn of(&self, rim: Rim, most: usize, panorama: &[u8]) -> Vec<Candidate> {
         let width = self.grid.width;
-        let mut peaks: Vec<(i32, usize, usize)> = Vec::new();
+        let mut peaks: Vec<Peak> = Vec::new();
         for (l, level) in self.levels.iter().enumerate() {
             for u in (0..width).step_by(STRIDE) {
-                let contrast = self.contrast(panorama, level, rim, u);
+                let contrast = contrast_across(panorama, width, &level.places, u, LEAST_STEP, rim);
                 if contrast >= LEAST_STEP {
-                    let outlines: i32 = [-1, 1].map(|side| self.outline(panorama, level, side, u)).iter().sum();
-                    peaks.push((6 * outlines + contrast.min(MOST_CURVE), l, u));
+                    let sides = [-level.outline_columns, level.outline_columns];
+                    let outline = |beside| contrast_beside(panorama, width, beside, &level.outline_rows, u);
+                    let outlines: i32 = sides.into_iter().map(outline).sum();
+                    peaks.push(((6 * outlines + contrast.min(MOST_CURVE)) as f32, l, u));
                 }
             }
         }
-        peaks.sort_by(|a, b| b.0.cmp(&a.0).then(a.1.cmp(&b.1)).then(a.2.cmp(&b.2)));
-        let mut picked: Vec<(usize, usize)> = Vec::new();
-        for (_, l, u) in peaks {
-            let is_near = |(pl, pu): &(usize, usize)| {
-                let apart = (u + width - pu) % width;
-                let ratio = self.levels[*pl].range_m / self.levels[l].range_m;
-                (apart.min(width - apart) as f64) < 0.5 * self.levels[l].half_columns && (0.9..1.11).contains(&ratio)
-            };
-            if !picked.iter().any(is_near) {
-                picked.push((l, u));
-                if picked.len() == most {
-                    break;
-                }
-            }
-        }
-        picked
+        let is_near = |l: usize, other: usize, apart: f64| {
+            let ratio = self.levels[other].range_m / self.levels[l].range_m;
+            apart < 0.5 * self.levels[l].half_columns && (0.9..1.11).contains(&ratio)
+        };
+        strongest(peaks, width, most, is_near)
             .into_iter()
-            .map(|(l, u)| {
+            .map(|(_, l, u)| {
                 let bearing_rad = protocol::angle::wrap(self.grid.seam_rad - TAU * (u as f64 + 0.5) / width as f64);
                 let range_m = self.levels[l].range_m;
                 Candidate {
@@ -211,53 +202,54 @@ impl NearSearch {
             })
             .collect()
     }
+}
 
-    /// The contrast across the curve that all but a few places reach, whichever side is the brighter one; 0 where more than a
-    /// few have too little.
-    fn contrast(&self, panorama: &[u8], level: &Level, rim: Rim, u: usize) -> i32 {
-        let width = self.grid.width;
-        let most_strays = rim.strays();
-        let mut steps = [0i32; PLACES];
-        let (mut not_up, mut not_down) = (0, 0);
-        for (step, (aside, row)) in steps.iter_mut().zip(&level.places) {
-            let column = (u as i64 + aside).rem_euclid(width as i64) as usize;
-            let gray = |row: usize| i32::from(panorama[row * width + column]);
-            *step = (gray(row - 3) + gray(row - 2) - gray(row + 1) - gray(row + 2)) / 2;
-            if rim == Rim::Barred {
-                *step = step.abs();
-            }
-            not_up += usize::from(*step < LEAST_STEP);
-            not_down += usize::from(*step > -LEAST_STEP);
-            if not_up > most_strays && not_down > most_strays {
-                return 0;
-            }
+/// The contrast across a line or curve that all but a few places reach (at most [`PLACES`]: columns beside `u`, and rows of its
+/// lower side there), whichever side is the brighter one; 0 where more than a few have less than `least`.
+pub(super) fn contrast_across(
+    panorama: &[u8],
+    width: usize,
+    places: &[(i64, usize)],
+    u: usize,
+    least: i32,
+    rim: Rim,
+) -> i32 {
+    let most_strays = rim.strays();
+    let mut steps = [0i32; PLACES];
+    let (mut not_up, mut not_down) = (0, 0);
+    for (step, (aside, row)) in steps.iter_mut().zip(places) {
+        let column = (u as i64 + aside).rem_euclid(width as i64) as usize;
+        let gray = |row: usize| i32::from(panorama[row * width + column]);
+        *step = (gray(row - 3) + gray(row - 2) - gray(row + 1) - gray(row + 2)) / 2;
+        if rim == Rim::Barred {
+            *step = step.abs();
         }
-        let steps = &mut steps[..level.places.len()];
-        steps.sort_unstable();
-        let last = steps.len() - 1;
-        let strays = most_strays.min(last);
-        steps[strays].max(-steps[last - strays])
-    }
-
-    /// Mean contrast across one outline below the curve, whichever side is the brighter one in a row; 0 where too few rows are
-    /// in view. `side`: −1 the left one, which has the smaller column.
-    fn outline(&self, panorama: &[u8], level: &Level, side: i64, u: usize) -> i32 {
-        let width = self.grid.width as i64;
-        if level.outline_rows.len() < OUTLINE_ROWS[0] {
+        not_up += usize::from(*step < least);
+        not_down += usize::from(*step > -least);
+        if not_up > most_strays && not_down > most_strays {
             return 0;
         }
-        let column = |out: i64| (u as i64 + side * (level.outline_columns + out)).rem_euclid(width) as usize;
-        let [inner, in_, out, outer] = [-3, -2, 2, 3].map(column);
-        let sum: i32 = level
-            .outline_rows
-            .iter()
-            .map(|row| {
-                let gray = |column: usize| i32::from(panorama[row * self.grid.width + column]);
-                ((gray(inner) + gray(in_) - gray(out) - gray(outer)) / 2).abs().min(MOST_ROW)
-            })
-            .sum();
-        (sum / level.outline_rows.len() as i32).min(MOST_OUTLINE)
     }
+    let steps = &mut steps[..places.len()];
+    steps.sort_unstable();
+    let last = steps.len() - 1;
+    let strays = most_strays.min(last);
+    steps[strays].max(-steps[last - strays])
+}
+
+/// Mean contrast across an upright outline `beside` columns from `u`, whichever half is the brighter one in a row; 0 where too few
+/// rows are in view.
+pub(super) fn contrast_beside(panorama: &[u8], width: usize, beside: i64, rows: &[usize], u: usize) -> i32 {
+    if rows.len() < OUTLINE_ROWS[0] {
+        return 0;
+    }
+    let column = |out: i64| (u as i64 + beside + out).rem_euclid(width as i64) as usize;
+    let [a, b, c, d] = [-3, -2, 2, 3].map(column);
+    let contrast = |row: &usize| {
+        let gray = |column: usize| i32::from(panorama[row * width + column]);
+        ((gray(a) + gray(b) - gray(c) - gray(d)) / 2).abs().min(MOST_ROW)
+    };
+    (rows.iter().map(contrast).sum::<i32>() / rows.len() as i32).min(MOST_OUTLINE)
 }
 
 /// One column across the curve.

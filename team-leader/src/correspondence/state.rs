@@ -120,6 +120,11 @@ impl State {
         Self { target, observers: Vec::new(), last: at, updates: 0, two_robots: false, score: 0.0 }
     }
 
+    /// The robots that see it at `at`.
+    pub fn observers_at(&self, at: Timestamp) -> impl Iterator<Item = &ObservedBy> {
+        self.observers.iter().filter(move |o| at.seconds_since(o.at) < OBSERVED_S)
+    }
+
     /// Whether a robot has seen it within so many seconds of `at`.
     pub fn is_seen_by(&self, robot: usize, at: Timestamp, within_s: f64) -> bool {
         self.observers.iter().any(|o| o.robot == robot && at.seconds_since(o.at).abs() < within_s)

@@ -3,7 +3,7 @@
 use protocol::id::TargetId;
 
 use super::state::State;
-use super::{Followed, Follower, OBSERVED_S};
+use super::{Followed, Follower};
 use crate::calibration::live::Calibrator;
 
 /// A target that was never believed is dropped sooner, seconds.
@@ -53,7 +53,7 @@ impl Follower {
     /// Whether a target in this state would stand where another stands, which more robots see.
     pub(super) fn is_double(&self, id: TargetId, state: &State) -> bool {
         let newest = self.newest;
-        let current = |s: &State| s.observers.iter().filter(|o| newest.seconds_since(o.at) < OBSERVED_S).count();
+        let current = |s: &State| s.observers_at(newest).count();
         let own = current(state);
         own <= 1
             && self.targets.iter().filter(|g| g.id != id).any(|g| {

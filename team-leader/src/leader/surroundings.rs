@@ -5,14 +5,12 @@
 //! bearings are still of its own picture, so that what one robot errs does not come back as another's measurement.
 
 use nalgebra::Vector2;
-use protocol::id::TrackId;
 use protocol::message::surroundings::MAX_PEOPLE;
 use protocol::message::{Neighbour, Surroundings};
 use protocol::quantity::{Angle16, LogSigma, Millimetres};
 use protocol::time::Timestamp;
 
 use super::{Leader, Output};
-use crate::correspondence::{Followed, OBSERVED_S};
 
 /// People further away are not told of, metres.
 const FURTHEST_M: f64 = 8.0;
@@ -50,10 +48,7 @@ impl Leader {
         let mut near: Vec<(f64, Neighbour)> = component
             .confirmed()
             .filter_map(|followed| {
-                let covariance = followed.covariance(calibrator);
-                if covariance.symmetric_eigenvalues().max().sqrt() > self.config.targets.publish_below_m {
-                    return None;
-                }
+                let covariance = followed.published_covariance(calibrator, &self.config.targets)?;
                 let mut target = followed.state.target.clone();
                 target.predict(at);
                 let place = body_from_team.transform(target.position());
@@ -64,7 +59,7 @@ impl Leader {
                     [along, across].map(|axis| LogSigma::from_value(axis.dot(&(covariance * axis)).max(0.0).sqrt()));
                 let velocity = body_from_team.rotation() * target.velocity();
                 let neighbour = Neighbour {
-                    track: track_of(followed, robot, at),
+                    track: followed.state.observers_at(at).find(|o| o.robot == robot).map(|o| o.track),
                     bearing: Angle16::from_rad(place.y.atan2(place.x)),
                     range: Millimetres::from_m(range_m),
                     sigma,
@@ -77,10 +72,4 @@ impl Leader {
         near.sort_by(|a, b| a.0.total_cmp(&b.0));
         near.into_iter().take(MAX_PEOPLE).map(|(_, neighbour)| neighbour).collect()
     }
-}
-
-/// Under which number a robot follows a target now.
-fn track_of(followed: &Followed, robot: usize, at: Timestamp) -> Option<TrackId> {
-    let lately = followed.state.observers.iter().filter(|o| at.seconds_since(o.at) < OBSERVED_S);
-    lately.filter(|o| o.robot == robot).map(|o| o.track).next()
 }

@@ -7,7 +7,7 @@ use protocol::time::Timestamp;
 
 use crate::calibration::live::Calibrator;
 use crate::calibration::systematic::Shared;
-use crate::correspondence::{Followed, OBSERVED_S};
+use crate::correspondence::{Followed, ObservedBy};
 use crate::leader::components::Component;
 use crate::leader::config::LeaderCoreConfig;
 
@@ -148,9 +148,7 @@ fn target_entry(
     let calibrator = &component.calibrator;
     let mut target = followed.state.target.clone();
     target.predict(stamp);
-    if followed.covariance(calibrator).symmetric_eigenvalues().max().sqrt() > config.targets.publish_below_m {
-        return None;
-    }
+    followed.published_covariance(calibrator, &config.targets)?;
     let position = target.position();
     let own = target.own_covariance();
     let ((top_m, top_var), top_seen) = target.top_m();
@@ -163,11 +161,10 @@ fn target_entry(
     let jacobian =
         (0..2).flat_map(|row| blocks.iter().flat_map(move |b| b.row(row).iter().copied().collect::<Vec<_>>()));
     let velocity = target.velocity();
-    let lately = || followed.state.observers.iter().filter(|o| stamp.seconds_since(o.at) < OBSERVED_S);
-    let mut observers: Vec<RobotId> = lately().map(|o| robots[o.robot].id).collect();
+    let mut observers: Vec<RobotId> = followed.state.observers_at(stamp).map(|o| robots[o.robot].id).collect();
     observers.sort_unstable();
-    let seeing =
-        || lately().filter_map(|o| Some((robots[o.robot].id, calibrator.station(o.robot)?.position() - position)));
+    let station = |o: &ObservedBy| Some((robots[o.robot].id, calibrator.station(o.robot)?.position() - position));
+    let seeing: Vec<_> = followed.state.observers_at(stamp).filter_map(station).collect();
     Some(MapTarget {
         id: followed.id,
         component: component.number,
@@ -176,7 +173,7 @@ fn target_entry(
         height_m: top_seen.then_some((top_m as f32, top_var.sqrt() as f32)),
         own_covariance: [own[(0, 0)], own[(0, 1)], 0.0, own[(1, 1)], 0.0, z_var].map(|v| v as f32),
         pose_jacobian: jacobian.map(|v| v as f32).collect(),
-        pair: best_pair(&seeing().collect::<Vec<_>>()),
+        pair: best_pair(&seeing),
         observers,
         age_s: stamp.seconds_since(followed.state.last).max(0.0) as f32,
     })

@@ -13,10 +13,10 @@ use nalgebra::{Matrix2, Matrix3, Vector3};
 use protocol::angle::{difference, wrap};
 
 use super::super::look::PlateLook;
-use super::super::near;
+use super::super::near::{self, OUTLINE_BELOW, OUTLINE_EVERY, Rim};
 use super::super::rays::Sample;
 use super::super::rings::{BLUR_PX, median};
-use super::super::search::Grid;
+use super::super::search::{Grid, Peak, strongest};
 use super::plane::{Plane, PlaneFit, black, shown, shows_edge};
 use super::search::PlateCandidate;
 use super::{LEAST_FILLED, MOST_BLACK, PlateFinder, Posed};
@@ -26,19 +26,13 @@ const DISTANCE_M: [f64; 2] = [0.4, 1.15];
 const STEP: f64 = 1.04;
 /// Turns of the plate from or towards the line of sight, radians.
 const TURNS: [f64; 9] = [0.0, -0.25, 0.25, -0.5, 0.5, -0.75, 0.75, -1.0, 1.0];
-/// Places along the line, as shares of the half width; so many may miss the contrast (a mast stands before some), and so many must
-/// be in view.
+/// Places along the line, as shares of the half width, and how many must be in view.
 const PLACES: [f64; 10] = [-0.9, -0.7, -0.5, -0.3, -0.1, 0.1, 0.3, 0.5, 0.7, 0.9];
-const STRAYS: usize = 2;
 const LEAST_PLACES: usize = 8;
-/// Least contrast, grey levels; beyond these it says no more: of an outline in one row, of an outline, of the line.
+/// Least contrast of the line, and from where on more says no more, grey levels.
 const LEAST_STEP: i32 = 5;
-const MOST_ROW: i32 = 20;
-const MOST_OUTLINE: i32 = 15;
 const MOST_LINE: i32 = 30;
-/// Sides are looked at in every so many rows, from so many below the line on, in so many at least and at most.
-const OUTLINE_EVERY: usize = 3;
-const OUTLINE_BELOW: usize = 3;
+/// Rows in which a side is looked at, least and most.
 const OUTLINE_ROWS: [usize; 2] = [3, 8];
 /// Columns between two places of the search.
 const STRIDE: usize = 2;
@@ -127,73 +121,30 @@ impl RimSearch {
     /// Candidates, best first. `panorama` holds one byte a pixel of the grid.
     pub(super) fn run(&self, panorama: &[u8]) -> Vec<PlateCandidate> {
         let width = self.grid.width;
-        let mut peaks: Vec<(i32, usize, usize)> = Vec::new();
+        let mut peaks: Vec<Peak> = Vec::new();
         for (l, level) in self.levels.iter().enumerate() {
             for u in (0..width).step_by(STRIDE) {
-                let contrast = self.contrast(panorama, level, u);
+                let contrast = near::contrast_across(panorama, width, &level.places, u, LEAST_STEP, Rim::Plain);
                 if contrast >= LEAST_STEP {
-                    let outlines: i32 = level.sides.iter().map(|side| self.outline(panorama, side, u)).sum();
-                    peaks.push((6 * outlines + contrast.min(MOST_LINE), l, u));
+                    let outline =
+                        |(beside, rows): &(i64, Vec<usize>)| near::contrast_beside(panorama, width, *beside, rows, u);
+                    let outlines: i32 = level.sides.iter().map(outline).sum();
+                    peaks.push(((6 * outlines + contrast.min(MOST_LINE)) as f32, l, u));
                 }
             }
         }
-        peaks.sort_by(|a, b| b.0.cmp(&a.0).then(a.1.cmp(&b.1)).then(a.2.cmp(&b.2)));
-        let mut picked: Vec<(usize, usize)> = Vec::new();
-        for (_, l, u) in peaks {
-            let is_near = |(pl, pu): &(usize, usize)| {
-                let apart = (u + width - pu) % width;
-                let (own, other) = (&self.levels[l], &self.levels[*pl]);
-                (apart.min(width - apart) as f64) < 0.4 * own.half_columns
-                    && (0.9..1.11).contains(&(own.distance_m / other.distance_m))
-                    && (own.turn_rad - other.turn_rad).abs() < 0.6
-            };
-            if !picked.iter().any(is_near) {
-                picked.push((l, u));
-                if picked.len() == MAX_CANDIDATES {
-                    break;
-                }
-            }
-        }
-        let candidate = |(l, u): (usize, usize)| PlateCandidate {
+        let is_near = |l: usize, other: usize, apart: f64| {
+            let (own, other) = (&self.levels[l], &self.levels[other]);
+            apart < 0.4 * own.half_columns
+                && (0.9..1.11).contains(&(own.distance_m / other.distance_m))
+                && (own.turn_rad - other.turn_rad).abs() < 0.6
+        };
+        let candidate = |(_, l, u): Peak| PlateCandidate {
             bearing_rad: wrap(self.grid.seam_rad - TAU * (u as f64 + 0.5) / width as f64),
             distance_m: self.levels[l].distance_m,
             turn_rad: self.levels[l].turn_rad,
         };
-        picked.into_iter().map(candidate).collect()
-    }
-
-    /// The contrast across the line that all but a few places reach with one sign; 0 where more have too little.
-    fn contrast(&self, panorama: &[u8], level: &Level, u: usize) -> i32 {
-        let width = self.grid.width;
-        let mut steps = [0i32; PLACES.len()];
-        let (mut not_up, mut not_down) = (0, 0);
-        for (step, (aside, row)) in steps.iter_mut().zip(&level.places) {
-            let column = (u as i64 + aside).rem_euclid(width as i64) as usize;
-            let gray = |row: usize| i32::from(panorama[row * width + column]);
-            *step = (gray(row - 3) + gray(row - 2) - gray(row + 1) - gray(row + 2)) / 2;
-            not_up += usize::from(*step < LEAST_STEP);
-            not_down += usize::from(*step > -LEAST_STEP);
-            if not_up > STRAYS && not_down > STRAYS {
-                return 0;
-            }
-        }
-        let steps = &mut steps[..level.places.len()];
-        steps.sort_unstable();
-        steps[STRAYS].max(-steps[steps.len() - 1 - STRAYS])
-    }
-
-    /// Mean contrast across one side, whichever half is the brighter one in a row; 0 where too few rows are in view.
-    fn outline(&self, panorama: &[u8], (beside, rows): &(i64, Vec<usize>), u: usize) -> i32 {
-        let width = self.grid.width as i64;
-        if rows.len() < OUTLINE_ROWS[0] {
-            return 0;
-        }
-        let [a, b, c, d] = [-3, -2, 2, 3].map(|out| (u as i64 + beside + out).rem_euclid(width) as usize);
-        let contrast = |row: &usize| {
-            let gray = |column: usize| i32::from(panorama[row * self.grid.width + column]);
-            ((gray(a) + gray(b) - gray(c) - gray(d)) / 2).abs().min(MOST_ROW)
-        };
-        (rows.iter().map(contrast).sum::<i32>() / rows.len() as i32).min(MOST_OUTLINE)
+        strongest(peaks, width, MAX_CANDIDATES, is_near).into_iter().map(candidate).collect()
     }
 }
 
