@@ -192,7 +192,7 @@ impl PeerDetector {
     }
 
     /// Like [`PeerDetector::detect`] for a stream: known peers are measured in each frame, the whole circle is searched
-    /// every fifth frame, or whenever a known peer is lost.
+    /// every fifth frame, and once when a known peer is lost.
     pub fn follow(&mut self, raw: &[u8], panorama: &[u8]) -> Vec<Peer> {
         let frame = self.frames;
         self.frames += 1;
@@ -200,7 +200,8 @@ impl PeerDetector {
         let known: Vec<(f64, f64)> = self.known.iter().map(|k| (k.bearing_rad, k.range_m)).collect();
         let search = frame.is_multiple_of(SEARCH_EVERY) || known.is_empty();
         let mut peers = self.find(raw, search.then_some(panorama), &known);
-        if !search && peers.len() < known.len() {
+        let expected = self.known.iter().filter(|k| frame - k.last_seen <= 1).count();
+        if !search && peers.len() < expected {
             peers = self.find(raw, Some(panorama), &known);
         }
         for peer in &peers {

@@ -147,38 +147,79 @@ pub struct Caster {
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Parts(u32);
 
-impl Caster {
-    /// All parts.
-    pub const ALL: Parts = Parts(u32::MAX);
+/// Places whose light from one lamp is asked for together, coordinate by coordinate so that several are tested at a time.
+#[derive(Debug, Default)]
+pub struct Shade {
+    x: Vec<f32>,
+    y: Vec<f32>,
+    z: Vec<f32>,
+    most: Vec<f32>,
+    open: Vec<f32>,
+}
 
+impl Shade {
+    /// Forgets all places.
+    pub fn clear(&mut self) {
+        self.x.clear();
+        self.y.clear();
+        self.z.clear();
+    }
+
+    /// Adds one.
+    pub fn push(&mut self, p: V3) {
+        self.x.push(p.x);
+        self.y.push(p.y);
+        self.z.push(p.z);
+    }
+
+    /// Nothing is in the way of any.
+    pub fn reopen(&mut self) {
+        self.open.clear();
+        self.open.resize(self.x.len(), 1.0);
+    }
+
+    /// Takes away what parts of a caster keep from the places, but for those that are `spared`.
+    pub fn close(&mut self, caster: &Caster, parts: Parts, lamp: V3, spared: Option<&[bool]>) {
+        self.most.clear();
+        self.most.resize(self.x.len(), 0.0);
+        for (n, capsule) in caster.capsules.iter().enumerate().take(u32::BITS as usize) {
+            if parts.0 & (1 << n) != 0 {
+                self.darken(|p| behind_capsule(capsule, p, lamp - p));
+            }
+        }
+        for upright in &caster.uprights {
+            self.darken(|p| behind_upright(upright, p, lamp - p));
+        }
+        for (i, (open, most)) in self.open.iter_mut().zip(&self.most).enumerate() {
+            let is_spared = spared.is_some_and(|spared| spared[i]);
+            *open *= if is_spared { 1.0 } else { 1.0 - most };
+        }
+    }
+
+    /// Share of the lamp's light that is left at each place.
+    pub fn open(&self) -> &[f32] {
+        &self.open
+    }
+
+    #[inline(always)]
+    fn darken(&mut self, shade: impl Fn(V3) -> f32) {
+        for (((most, x), y), z) in self.most.iter_mut().zip(&self.x).zip(&self.y).zip(&self.z) {
+            *most = most.max(shade(v3(*x, *y, *z)));
+        }
+    }
+}
+
+impl Caster {
     /// Share of a lamp's light that is kept from `p`, 0 … 1.
     #[inline]
     pub fn shade(&self, p: V3, lamp: V3) -> f32 {
-        if self.may_shade(p, lamp - p, 0.0) { self.shade_by(Self::ALL, p, lamp) } else { 0.0 }
-    }
-
-    /// As [`Self::shade`], of some parts only.
-    #[inline]
-    pub fn shade_by(&self, parts: Parts, p: V3, lamp: V3) -> f32 {
         let way = lamp - p;
-        let mut most = 0.0f32;
-        if let Some(capsules) = self.capsules.get(..self.capsules.len().min(u32::BITS as usize)) {
-            let mut left =
-                if capsules.is_empty() { 0 } else { parts.0 & (u32::MAX >> (u32::BITS as usize - capsules.len())) };
-            while left != 0 && most < 1.0 {
-                let capsule = &capsules[left.trailing_zeros() as usize];
-                left &= left - 1;
-                let (distance2, share) = nearest(p, way, capsule.a, capsule.b - capsule.a);
-                let reach = capsule.radius + LAMP_RADIUS_M * share.max(LEAST_SHARE);
-                if distance2 < reach * reach {
-                    most = most.max(half_shadow(distance2.sqrt() - capsule.radius, share));
-                }
-            }
+        if !self.may_shade(p, way, 0.0) {
+            return 0.0;
         }
-        for upright in &self.uprights {
-            most = most.max(behind_upright(upright, p, way));
-        }
-        most
+        let capsules = self.capsules.iter().map(|c| behind_capsule(c, p, way));
+        let uprights = self.uprights.iter().map(|u| behind_upright(u, p, way));
+        capsules.chain(uprights).fold(0.0, f32::max)
     }
 
     /// The parts that can shade anything within `spread` of `p`; `None` where there are none.
@@ -224,11 +265,18 @@ fn half_shadow(gap: f32, share: f32) -> f32 {
 }
 
 #[inline(always)]
+fn behind_capsule(capsule: &Capsule, p: V3, way: V3) -> f32 {
+    let (distance2, share) = nearest(p, way, capsule.a, capsule.b - capsule.a);
+    half_shadow(distance2.sqrt() - capsule.radius, share)
+}
+
+#[inline(always)]
 fn behind_upright(u: &Upright, p: V3, way: V3) -> f32 {
     let (ox, oy) = (p.x - u.x, p.y - u.y);
     let flat2 = (way.x * way.x + way.y * way.y).max(1e-9);
     let share = (-(ox * way.x + oy * way.y) / flat2).clamp(0.0, 1.0);
-    let side = (ox + share * way.x).hypot(oy + share * way.y) - u.radius;
+    let (dx, dy) = (ox + share * way.x, oy + share * way.y);
+    let side = (dx * dx + dy * dy).sqrt() - u.radius;
     // Height of the way over the cylinder's span: at the nearest point and where it enters.
     let enter = (share - u.radius / flat2.sqrt()).max(0.0);
     let (low, high) = (p.z + enter * way.z, p.z + share * way.z);

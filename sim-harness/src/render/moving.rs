@@ -1,6 +1,6 @@
 //! What moves: people and driving robots, drawn over the picture of what stands still, with their shadows.
 
-use super::light::{Caster, PerLamp};
+use super::light::{Caster, PerLamp, Shade};
 use super::scene::{Glow, Scene};
 use super::still::{robot_caster, robot_glow, robot_key};
 use crate::world::MAX_LAMPS;
@@ -184,6 +184,27 @@ pub struct Shaders<'a> {
 }
 
 impl Shaders<'_> {
+    /// As [`Shaders::open`], at points near each other.
+    pub fn open_all(&self, points: impl Iterator<Item = V3>, scene: &Scene) -> Vec<PerLamp> {
+        let points: Vec<V3> = points.collect();
+        let Some(middle) = points.get(points.len() / 2).copied() else { return Vec::new() };
+        let spread = points.iter().map(|p| (*p - middle).length()).fold(0.0, f32::max);
+        let mut shade = Shade::default();
+        points.iter().for_each(|p| shade.push(*p));
+        let mut open = vec![[1.0; MAX_LAMPS]; points.len()];
+        for (k, casters) in self.of_lamp.iter().enumerate().filter(|(_, casters)| !casters.is_empty()) {
+            let lamp = scene.lights().position(k);
+            shade.reopen();
+            for caster in casters {
+                if let Some(parts) = caster.parts_shading(middle, spread, lamp) {
+                    shade.close(caster, parts, lamp, None);
+                }
+            }
+            open.iter_mut().zip(shade.open()).for_each(|(open, of_lamp)| open[k] = *of_lamp);
+        }
+        open
+    }
+
     /// Share of each lamp's light that is left at a point.
     #[inline]
     pub fn open(&self, p: V3, scene: &Scene) -> PerLamp {

@@ -4,12 +4,65 @@
 //! inside a mover take one sample, pixels on an edge several, each of them traced through the glass at its own place.
 
 use super::Renderer;
-use super::light::{Caster, PerLamp};
-use super::moving::{Mover, Shaders};
+use super::light::{Caster, PerLamp, Shade};
+use super::moving::{Mover, MoverHit, Shaders};
 use super::rays::TILE_PX;
-use super::scene::Glow;
-use super::still::{EDGE_SAMPLES, FEW_SAMPLES, ROBOT_KEYS, Still};
-use crate::world::vector::V3;
+use super::scene::{Glow, Scene};
+use super::still::{EDGE_SAMPLES, FEW_SAMPLES, ROBOT_KEYS, Still, StillPicture};
+use crate::world::vector::Ray;
+
+/// Shadows are soft: where four pixels of a tile show one surface, one test serves them.
+#[derive(Default)]
+struct Tested {
+    shade: Shade,
+    on_robot: Vec<bool>,
+    /// Of each pixel of the tile, in its order.
+    place_of: Vec<u8>,
+}
+
+impl Tested {
+    fn clear(&mut self) {
+        self.shade.clear();
+        self.on_robot.clear();
+        self.place_of.clear();
+    }
+
+    /// The places of a tile.
+    fn choose(&mut self, tile: &[u32], still: &StillPicture) {
+        self.place_of.resize(tile.len(), 0);
+        if tile.len() < TILE_PX * TILE_PX {
+            (0..tile.len()).for_each(|i| self.add(&[i], tile[i] as usize, still));
+            return;
+        }
+        for n in 0..TILE_PX * TILE_PX / 4 {
+            let first = 2 * (n / (TILE_PX / 2)) * TILE_PX + 2 * (n % (TILE_PX / 2));
+            let four = [first, first + 1, first + TILE_PX, first + TILE_PX + 1];
+            let key = |i: usize| still.key[tile[i] as usize];
+            if four.iter().all(|i| key(*i) == key(first)) {
+                self.add(&four, tile[first] as usize, still);
+            } else {
+                four.into_iter().for_each(|i| self.add(&[i], tile[i] as usize, still));
+            }
+        }
+    }
+
+    fn add(&mut self, of: &[usize], pixel: usize, still: &StillPicture) {
+        of.iter().for_each(|i| self.place_of[*i] = self.on_robot.len() as u8);
+        self.shade.push(still.point[pixel]);
+        self.on_robot.push(still.key[pixel] >= ROBOT_KEYS);
+    }
+
+    /// Share of the light that is left, of each pixel of the tile.
+    fn open(&self) -> impl Iterator<Item = f32> {
+        self.place_of.iter().map(|place| self.shade.open()[usize::from(*place)])
+    }
+}
+
+/// Most pixels of a mover that are painted together.
+const PATCH: usize = 64;
+
+/// A pixel inside a mover: whose, which, its ray and what it meets.
+type Inside = (u16, usize, Ray, MoverHit);
 
 impl Renderer {
     /// Takes the light away that movers keep from what stands still, tile by tile.
@@ -19,46 +72,28 @@ impl Renderer {
         let standing: &[Caster] = if self.still.is_fine { &[] } else { &self.standing };
         let casters: Vec<&Caster> = movers.iter().map(|m| &m.caster).chain(standing).collect();
         let mut shading = Vec::new();
+        let mut tested = Tested::default();
         for (tile, (middle, radius)) in self.rays.tiles.iter().zip(&self.still.balls) {
+            tested.clear();
             for (k, strength) in strength.iter().enumerate().take(lights.count()) {
                 let lamp = lights.position(k);
                 shading.clear();
-                shading.extend(
-                    casters
-                        .iter()
-                        .enumerate()
-                        .filter_map(|(n, caster)| caster.parts_shading(*middle, *radius, lamp).map(|parts| (n, parts))),
-                );
+                let by = |caster: &&Caster| caster.parts_shading(*middle, *radius, lamp);
+                shading
+                    .extend(casters.iter().map(by).enumerate().filter_map(|(n, parts)| parts.map(|parts| (n, parts))));
                 if shading.is_empty() {
                     continue;
                 }
-                let open_at = |pixel: usize| {
-                    let p: V3 = self.still.point[pixel];
-                    let is_robot = self.still.key[pixel] >= ROBOT_KEYS;
-                    shading
-                        .iter()
-                        .filter(|(n, _)| !(is_robot && *n >= movers.len()))
-                        .fold(1.0, |open, (n, parts)| open * (1.0 - casters[*n].shade_by(*parts, p, lamp)))
-                };
-                let light = &mut self.canvas.light;
-                let mut take = |pixel: usize, open: f32| {
-                    light[pixel] -= (1.0 - open) * self.still.glow[pixel].lamps[k] * strength;
-                };
-                if tile.len() < TILE_PX * TILE_PX {
-                    tile.iter().for_each(|p| take(*p as usize, open_at(*p as usize)));
-                    continue;
+                if tested.place_of.is_empty() {
+                    tested.choose(tile, &self.still);
                 }
-                // Shadows are soft: where four pixels show one surface, one test serves them.
-                for n in 0..TILE_PX * TILE_PX / 4 {
-                    let first = 2 * (n / (TILE_PX / 2)) * TILE_PX + 2 * (n % (TILE_PX / 2));
-                    let four = [first, first + 1, first + TILE_PX, first + TILE_PX + 1].map(|i| tile[i] as usize);
-                    let key = self.still.key[four[0]];
-                    if four.iter().all(|p| self.still.key[*p] == key) {
-                        let open = open_at(four[0]);
-                        four.into_iter().for_each(|p| take(p, open));
-                    } else {
-                        four.into_iter().for_each(|p| take(p, open_at(p)));
-                    }
+                tested.shade.reopen();
+                for (n, parts) in &shading {
+                    let spared = (*n >= movers.len()).then_some(&tested.on_robot[..]);
+                    tested.shade.close(casters[*n], *parts, lamp, spared);
+                }
+                for (pixel, open) in tile.iter().map(|p| *p as usize).zip(tested.open()) {
+                    self.canvas.light[pixel] -= (1.0 - open) * self.still.glow[pixel].lamps[k] * strength;
                 }
             }
         }
@@ -70,6 +105,7 @@ impl Renderer {
         let shaders: Vec<Shaders<'_>> = movers.iter().map(|m| m.shaders(&self.scene, &casters)).collect();
         let still = Still::new(&self.scene, self.still.stand, &self.standing);
         let mut edges = Vec::new();
+        let mut patch: Vec<Inside> = Vec::with_capacity(PATCH);
         for pixel in self.canvas.touched.iter().map(|p| *p as usize) {
             let key = self.canvas.key[pixel];
             let mut is_edge = self.still.mixed[pixel];
@@ -86,14 +122,16 @@ impl Renderer {
                 edges.push(pixel as u32);
                 continue;
             }
-            let ray = self.still.stand.room_from_body(self.rays.ray(pixel, 0.0, 0.0));
             let (n, part) = self.canvas.shown[pixel];
-            let mover = &movers[usize::from(n)];
-            if let Some(hit) = mover.hit_part(usize::from(part), &ray, f32::INFINITY) {
-                let open = shaders[usize::from(n)].open(ray.at(hit.t), &self.scene);
-                self.canvas.light[pixel] = mover.glow(&hit, &ray, &self.scene, &open).total(strength);
+            if patch.len() == PATCH || patch.first().is_some_and(|p| p.0 != n) {
+                paint_patch(&mut patch, &shaders, movers, &self.scene, strength, &mut self.canvas.light);
+            }
+            let ray = self.still.stand.room_from_body(self.rays.ray(pixel, 0.0, 0.0));
+            if let Some(hit) = movers[usize::from(n)].hit_part(usize::from(part), &ray, f32::INFINITY) {
+                patch.push((n, pixel, ray, hit));
             }
         }
+        paint_patch(&mut patch, &shaders, movers, &self.scene, strength, &mut self.canvas.light);
         edges.sort_unstable();
         edges.dedup();
         for pixel in edges.into_iter().map(|p| p as usize) {
@@ -156,5 +194,21 @@ impl Renderer {
             };
         }
         sum / samples.len() as f32
+    }
+}
+
+/// Paints some pixels inside one mover.
+fn paint_patch(
+    patch: &mut Vec<Inside>,
+    shaders: &[Shaders<'_>],
+    movers: &[Mover],
+    scene: &Scene,
+    strength: &PerLamp,
+    light: &mut [f32],
+) {
+    let Some(n) = patch.first().map(|p| usize::from(p.0)) else { return };
+    let open = shaders[n].open_all(patch.iter().map(|(_, _, ray, hit)| ray.at(hit.t)), scene);
+    for ((_, pixel, ray, hit), open) in patch.drain(..).zip(open) {
+        light[pixel] = movers[n].glow(&hit, &ray, scene, &open).total(strength);
     }
 }
