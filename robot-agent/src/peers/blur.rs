@@ -45,7 +45,7 @@ fn lookup(table: &[f64], y: f64) -> f64 {
 }
 
 /// Normal density.
-pub fn density(y: f64) -> f64 {
+fn density(y: f64) -> f64 {
     0.398_942_280_401_432_7 * (-0.5 * y * y).exp()
 }
 
@@ -65,11 +65,6 @@ pub fn bell(y: f64) -> f64 {
     if y.abs() >= 5.0 { 0.0 } else { lookup(&TABLES.bell, y) }
 }
 
-/// max(t, 0) after a blur of standard deviation 1.
-pub fn ramp(y: f64) -> f64 {
-    y * step(y) + density(y)
-}
-
 /// √max(t, 0) after a blur of standard deviation 1, to 10⁻⁵.
 pub fn root(y: f64) -> f64 {
     if y <= LOW {
@@ -79,6 +74,11 @@ pub fn root(y: f64) -> f64 {
     } else {
         lookup(&TABLES.root, y)
     }
+}
+
+/// The derivative of [`root`], to 10⁻³.
+pub fn root_slope(y: f64) -> f64 {
+    (root(y + 2.0 * STEP) - root(y - 2.0 * STEP)) / (4.0 * STEP)
 }
 
 #[cfg(test)]
@@ -99,7 +99,7 @@ mod tests {
             }
             assert!((step(y) - s).abs() < 5e-5, "step at {y}");
             assert!((bell(y) - density(y)).abs() < 1e-5, "bell at {y}");
-            assert!((ramp(y) - r).abs() < 5e-5, "ramp at {y}");
+            assert!((y * step(y) + bell(y) - r).abs() < 5e-5, "ramp at {y}");
             assert!((root(y) - q).abs() < 5e-5, "root at {y}: {} {q}", root(y));
         }
     }

@@ -10,6 +10,7 @@
 use nalgebra::{SMatrix, SVector};
 
 use super::bars::Signal;
+use super::blur;
 use super::look::{CylinderLook, MAX_RINGS};
 use super::rays::Sample;
 use super::rings::{self, RingFit, median};
@@ -179,19 +180,16 @@ fn select(
 
 /// Blurred coverage and light at one pixel: (A, L, C) and their derivatives by pixels outwards.
 fn coverage(inside_px: f64, half_px: f64, blur_px: f64) -> ([f64; 3], [f64; 3]) {
-    let at = |t: f64| {
-        let y = t / blur_px;
-        let bend = (2.0 - t.clamp(0.0, half_px) / half_px).sqrt();
-        [
-            super::blur::step(y),
-            blur_px * super::blur::ramp(y) / half_px,
-            bend * (blur_px / half_px).sqrt() * super::blur::root(y),
-        ]
-    };
-    let h = 0.02;
-    let (here, ahead, behind) = (at(inside_px), at(inside_px + h), at(inside_px - h));
-    let by = [0, 1, 2].map(|k| (ahead[k] - behind[k]) / (2.0 * h));
-    (here, by)
+    let y = inside_px / blur_px;
+    let (step, bell, root, root_slope) = (blur::step(y), blur::bell(y), blur::root(y), blur::root_slope(y));
+    let bend2 = 2.0 - inside_px.clamp(0.0, half_px) / half_px;
+    let bend = bend2.sqrt();
+    let by_bend = if (0.0..half_px).contains(&inside_px) { -0.5 / (half_px * bend) } else { 0.0 };
+    let widening = (blur_px / half_px).sqrt();
+    (
+        [step, blur_px * (y * step + bell) / half_px, bend * widening * root],
+        [bell / blur_px, step / half_px, widening * (by_bend * root + bend * root_slope / blur_px)],
+    )
 }
 
 fn from_start(

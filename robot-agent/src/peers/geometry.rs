@@ -5,6 +5,10 @@
 
 use super::rays::PixelRay;
 
+/// Towards the outline the distance changes ever faster; it is taken to do so no faster than where the cosine of the angle of
+/// incidence is the root of this.
+const LEAST_DEEP: f64 = 0.01;
+
 /// A vertical cylinder on the floor as the observer's body frame has it.
 #[derive(Debug, Clone, Copy)]
 pub struct Cylinder {
@@ -38,13 +42,20 @@ impl Cylinder {
         Self { range_m, radius_m, outline_rad, axis: [range_m * c, range_m * s] }
     }
 
-    /// Height above the floor where the ray meets the surface, as in [`Cylinder::meet`]: the part of it that the fits repeat.
-    pub fn height_m(&self, ray: &PixelRay) -> f64 {
+    /// How the distance along a ray to the surface grows as the axis turns to the left, metres per radian, and as it moves away.
+    pub fn distance_slopes(&self, ray: &PixelRay, met: &Meeting) -> [f64; 2] {
         let (s, c) = (f64::from(ray.sine), f64::from(ray.cosine));
+        // Of the axis along and across the ray, as seen from the body frame's origin.
+        let (along, across) = (self.axis[0] * c + self.axis[1] * s, self.axis[1] * c - self.axis[0] * s);
+        let deep = (1.0 - met.sine * met.sine).max(LEAST_DEEP).sqrt();
+        let by_across = -met.sine / deep;
+        [by_across * along - across, (along + by_across * across) / self.range_m]
+    }
+
+    /// Sine of the angle of incidence alone, as in [`Cylinder::meet`].
+    pub fn sine(&self, ray: &PixelRay) -> f64 {
         let m = [self.axis[0] - f64::from(ray.origin_m[0]), self.axis[1] - f64::from(ray.origin_m[1])];
-        let across = m[1] * c - m[0] * s;
-        let deep = (self.radius_m * self.radius_m - across * across).max(0.0).sqrt();
-        f64::from(ray.origin_m[2]) + f64::from(ray.slope) * (m[0] * c + m[1] * s - deep)
+        (m[0] * f64::from(ray.sine) - m[1] * f64::from(ray.cosine)) / self.radius_m
     }
 
     /// Where the ray passes.
@@ -84,6 +95,30 @@ mod tests {
         for i in -100..=100 {
             let x = f64::from(i) * 0.01;
             assert!((small_arcsine(x) - x.asin()).abs() < 1e-6, "{x}");
+        }
+    }
+
+    #[test]
+    fn the_slopes_of_the_distance_are_those_of_differences() {
+        let at = |bearing, range| Cylinder::new(bearing, range, 0.2);
+        let (bearing, range, step) = (0.4, 1.7, 1e-5);
+        for aside in [-0.09, -0.03, 0.0, 0.05, 0.1f64] {
+            let (sine, cosine) = (bearing + aside).sin_cos();
+            let ray = PixelRay {
+                origin_m: [0.02, -0.01, 0.6],
+                bearing_rad: (bearing + aside) as f32,
+                sine: sine as f32,
+                cosine: cosine as f32,
+                slope: -0.2,
+                px_per_bearing: 150.0,
+                px_per_elevation: 150.0,
+            };
+            let distance = |b: f64, r: f64| at(b, r).meet(&ray).distance_m;
+            let [by_bearing, by_range] = at(bearing, range).distance_slopes(&ray, &at(bearing, range).meet(&ray));
+            let turned = (distance(bearing + step, range) - distance(bearing - step, range)) / (2.0 * step);
+            let moved = (distance(bearing, range + step) - distance(bearing, range - step)) / (2.0 * step);
+            assert!((by_bearing - turned).abs() < 1e-4 * (1.0 + turned.abs()), "{aside}: {by_bearing} {turned}");
+            assert!((by_range - moved).abs() < 1e-4, "{aside}: {by_range} {moved}");
         }
     }
 }

@@ -11,7 +11,7 @@
 
 use std::f64::consts::TAU;
 
-use nalgebra::{Matrix2, Vector2};
+use nalgebra::{Matrix2, Matrix3, Vector2, Vector3};
 
 use super::blur;
 use super::geometry::Cylinder;
@@ -423,18 +423,9 @@ pub(super) fn step_at(pixels: &[(f64, f64)], starts_px: &[f64]) -> Option<(f64, 
         let mut place = *start;
         let mut found = None;
         for _ in 0..6 {
-            // level, step, place.
-            let (mut h, mut g) = (nalgebra::Matrix3::zeros(), nalgebra::Vector3::zeros());
-            let linear = linear_step(pixels, place)?;
-            let mut chi2 = 0.0;
-            for (x, gray) in pixels {
-                let y = (x - place) / BLUR_PX;
-                let row = nalgebra::Vector3::new(1.0, blur::step(y), -linear[1] * blur::density(y) / BLUR_PX);
-                let rest = gray - linear[0] - linear[1] * blur::step(y);
-                h += row * row.transpose();
-                g += row * rest;
-                chi2 += rest * rest;
-            }
+            let sums = StepSums::of(pixels, place);
+            let linear = sums.level_and_step()?;
+            let (mut h, g, chi2) = sums.normal_equations(linear);
             h[(2, 2)] += 1.0;
             let inverse = h.try_inverse()?;
             let delta = (inverse * g)[2].clamp(-0.8, 0.8);
@@ -454,16 +445,63 @@ pub(super) fn step_at(pixels: &[(f64, f64)], starts_px: &[f64]) -> Option<(f64, 
     best
 }
 
-/// Level and step by least squares for a place.
-fn linear_step(pixels: &[(f64, f64)], place: f64) -> Option<[f64; 2]> {
-    let (mut h, mut g) = (Matrix2::zeros(), Vector2::zeros());
-    for (x, gray) in pixels {
-        let row = Vector2::new(1.0, blur::step((x - place) / BLUR_PX));
-        h += row * row.transpose();
-        g += row * *gray;
+/// Sums over a column's pixels for one place of the step: of its blurred form `s`, its slope `b` and the gray values `g`.
+#[derive(Default)]
+struct StepSums {
+    n: f64,
+    s: f64,
+    ss: f64,
+    b: f64,
+    sb: f64,
+    bb: f64,
+    g: f64,
+    sg: f64,
+    bg: f64,
+    gg: f64,
+}
+
+impl StepSums {
+    fn of(pixels: &[(f64, f64)], place: f64) -> Self {
+        let mut sums = Self { n: pixels.len() as f64, ..Self::default() };
+        for (x, g) in pixels {
+            let y = (x - place) / BLUR_PX;
+            let (s, b) = (blur::step(y), blur::bell(y) / BLUR_PX);
+            sums.s += s;
+            sums.ss += s * s;
+            sums.b += b;
+            sums.sb += s * b;
+            sums.bb += b * b;
+            sums.g += g;
+            sums.sg += s * g;
+            sums.bg += b * g;
+            sums.gg += g * g;
+        }
+        sums
     }
-    h[(0, 0)] += 1e-9;
-    h[(1, 1)] += 1e-3;
-    let solved = h.try_inverse()? * g;
-    Some([solved[0], solved[1]])
+
+    /// Level and step by least squares.
+    fn level_and_step(&self) -> Option<[f64; 2]> {
+        let h = Matrix2::new(self.n + 1e-9, self.s, self.s, self.ss + 1e-3);
+        let solved = h.try_inverse()? * Vector2::new(self.g, self.sg);
+        Some([solved[0], solved[1]])
+    }
+
+    /// Those of (level, step, place) about a level and a step, and the sum of the squared residuals.
+    fn normal_equations(&self, [level, step]: [f64; 2]) -> (Matrix3<f64>, Vector3<f64>, f64) {
+        let h = Matrix3::new(
+            self.n,
+            self.s,
+            -step * self.b,
+            self.s,
+            self.ss,
+            -step * self.sb,
+            -step * self.b,
+            -step * self.sb,
+            step * step * self.bb,
+        );
+        let (rest, rest_s) = (self.g - level * self.n - step * self.s, self.sg - level * self.s - step * self.ss);
+        let rest_b = self.bg - level * self.b - step * self.sb;
+        let chi2 = self.gg - level * (self.g + rest) - step * (self.sg + rest_s);
+        (h, Vector3::new(rest, rest_s, -step * rest_b), chi2.max(0.0))
+    }
 }
