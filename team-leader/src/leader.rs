@@ -24,8 +24,8 @@ use protocol::fence::Fence;
 use protocol::id::{LeaderId, RobotId};
 use protocol::message::map::MAX_EXPLANATION_LEN;
 use protocol::message::{
-    Alarm, Announcement, Candidacy, ClockProbe, ClockReply, Guidance, Health, MapStatus, Observation, Recent,
-    Surroundings, TeamMap,
+    Alarm, Announcement, Candidacy, ClockProbe, ClockReply, Guidance, Health, MapStatus, MapTarget, Observation,
+    Recent, Surroundings, TeamMap,
 };
 use protocol::time::Timestamp;
 
@@ -35,7 +35,7 @@ use components::{Component, Exchange};
 pub use config::{Anchor, CalibrationConfig, ClockConfig, GuidanceConfig, LeaderCoreConfig, TargetConfig};
 use inherit::Heritage;
 use member::Member;
-use names::Names;
+use names::{Names, Own};
 use sessions::Sessions;
 use succession::{Change, Succession};
 
@@ -350,12 +350,10 @@ impl Leader {
             map.explanation.truncate(map.explanation.floor_char_boundary(MAX_EXPLANATION_LEN));
         }
         map.term = self.succession.reign().unwrap_or(map.term);
-        for target in &mut map.targets {
-            let position = nalgebra::Vector2::new(target.position_m[0], target.position_m[1]);
-            let component = self.components.iter().find(|component| component.number == target.component);
-            let serial = component.map_or(0, |component| component.serial);
-            target.id = self.names.name((serial, target.id), position, stamp);
-        }
+        let serial = |number: u8| self.components.iter().find(|c| c.number == number).map_or(0, |c| c.serial);
+        let own = |target: &MapTarget| Own::of(target, serial(target.component));
+        let numbers = self.names.name_all(&map.targets.iter().map(own).collect::<Vec<_>>(), stamp);
+        map.targets.iter_mut().zip(numbers).for_each(|(target, number)| target.id = number);
         map.next_target = self.names.next();
         map.alarms = self.alarms.recent(now);
         map

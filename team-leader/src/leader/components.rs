@@ -290,7 +290,7 @@ impl Leader {
             let own = component.confirmed().map(move |followed| {
                 let (target, ahead_s) = (&followed.state.target, at.seconds_since(followed.state.last));
                 let position = target.position() + target.velocity() * ahead_s.clamp(-0.5, 0.5);
-                Own { id: (serial, followed.id), position }
+                Own { id: (serial, followed.id), position, velocity: target.velocity() }
             });
             own.collect::<Vec<_>>()
         };

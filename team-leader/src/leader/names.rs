@@ -5,12 +5,16 @@
 //! target that it does not follow (it came late, or everything was restarted) leaves its number and place behind, and whoever
 //! is found there soon gets it.
 
+mod places;
+
 use std::collections::{BTreeMap, BTreeSet};
 
 use nalgebra::Vector2;
 use protocol::id::TargetId;
 use protocol::message::MapTarget;
 use protocol::time::Timestamp;
+
+use places::Places;
 
 /// A target of the map and one of our own are the same this near, metres.
 const SAME_M: f64 = 0.6;
@@ -35,6 +39,7 @@ pub type OwnId = (u32, TargetId);
 pub struct Names {
     of: BTreeMap<OwnId, TargetId>,
     waiting: Vec<Waiting>,
+    places: Places,
     next: u32,
 }
 
@@ -55,11 +60,22 @@ pub struct Own {
     pub id: OwnId,
     /// On the floor in its component's frame, metres.
     pub position: Vector2<f64>,
+    /// m/s.
+    pub velocity: Vector2<f64>,
+}
+
+impl Own {
+    /// A target of a map that still has our number, and the serial of its component.
+    pub fn of(target: &MapTarget, component: u32) -> Self {
+        let [x, y, _] = target.position_m;
+        let velocity = target.velocity_mps.map(f64::from);
+        Self { id: (component, target.id), position: Vector2::new(x, y), velocity: velocity.into() }
+    }
 }
 
 impl Default for Names {
     fn default() -> Self {
-        Self { of: BTreeMap::new(), waiting: Vec::new(), next: 1 }
+        Self { of: BTreeMap::new(), waiting: Vec::new(), places: Places::default(), next: 1 }
     }
 }
 
@@ -136,6 +152,7 @@ impl Names {
     /// A component is no more.
     pub fn forget(&mut self, component: u32) {
         self.of.retain(|(of, _), _| *of != component);
+        self.places.forget(component);
         self.waiting.retain(|w| w.component != component);
     }
 
@@ -147,8 +164,24 @@ impl Names {
         }
     }
 
+    /// The numbers in the map of `now` of all targets of our own that are in it.
+    pub fn name_all(&mut self, own: &[Own], now: Timestamp) -> Vec<TargetId> {
+        for (number, bearer) in self.places.claims(own, &self.of, now) {
+            let former = self.of.iter().find(|(_, name)| **name == number).map(|(own, _)| *own);
+            let given_up = self.of.insert(bearer, number);
+            match (former, given_up) {
+                (Some(former), Some(other)) if former != bearer => _ = self.of.insert(former, other),
+                (Some(former), None) => _ = self.of.remove(&former),
+                _ => {}
+            }
+        }
+        let numbers: Vec<TargetId> = own.iter().map(|own| self.name(own.id, own.position, now)).collect();
+        self.places.note(own, &numbers, now);
+        numbers
+    }
+
     /// The number in the map of a target of our own that is found at `position` at `now`.
-    pub fn name(&mut self, own: OwnId, position: Vector2<f64>, now: Timestamp) -> TargetId {
+    fn name(&mut self, own: OwnId, position: Vector2<f64>, now: Timestamp) -> TargetId {
         if let Some(name) = self.of.get(&own) {
             return *name;
         }
@@ -211,6 +244,29 @@ mod tests {
     }
 
     #[test]
+    fn who_leaps_into_the_place_of_another_gets_the_number_that_was_there() {
+        let numbers = |steps: &[&[(u32, f64)]]| {
+            let mut names = Names::default();
+            let mut last = Vec::new();
+            for (step, people) in steps.iter().enumerate() {
+                let own: Vec<Own> = people.iter().map(|(id, x)| mine(*id, *x, 0.0)).collect();
+                last = names.name_all(&own, at(0.03 * step as f64)).into_iter().map(|id| id.0).collect();
+            }
+            last
+        };
+        // They change places: numbers stay where they were.
+        assert_eq!(numbers(&[&[(1, 0.0), (2, 1.0)], &[(1, 1.1), (2, 0.1)]]), [2, 1]);
+        // One leaps away, and somebody new is found where it was.
+        assert_eq!(numbers(&[&[(1, 0.0)], &[(1, 3.0), (2, 0.1)]]), [2, 1]);
+        // One leaps to where nobody was: it is the same one, corrected.
+        assert_eq!(numbers(&[&[(1, 0.0), (2, 5.0)], &[(1, 1.0), (2, 5.0)]]), [1, 2]);
+        // Two walk past each other.
+        let passing: Vec<Vec<(u32, f64)>> =
+            (0..30).map(|k| f64::from(k) * 0.04).map(|x| vec![(1, x), (2, 1.2 - x)]).collect();
+        assert_eq!(numbers(&passing.iter().map(Vec::as_slice).collect::<Vec<_>>()), [1, 2]);
+    }
+
+    #[test]
     fn a_number_waits_no_longer_than_it_may_mean_the_same_person() {
         let mut names = Names::default();
         names.follow(&[theirs(5, 0.0, 0.0)], TargetId(6), at(0.0), &[], first);
@@ -250,7 +306,7 @@ mod tests {
     }
 
     fn mine(id: u32, x: f64, y: f64) -> Own {
-        Own { id: (0, TargetId(id)), position: Vector2::new(x, y) }
+        Own { id: (0, TargetId(id)), position: Vector2::new(x, y), velocity: Vector2::zeros() }
     }
 
     fn theirs(id: u32, x: f64, y: f64) -> MapTarget {
