@@ -276,7 +276,7 @@ pub fn fit(
     };
     let mut grams = Grams::default();
     let mut result = None;
-    for round in if close { 2 } else { 0 }..ROUNDS {
+    for (round, hopeless) in HOPELESS_CORRELATION.into_iter().enumerate().skip(if close { 2 } else { 0 }) {
         // The first round starts up to 3 % off: a wide blur takes it into the right valley.
         let blunt = if round == 0 { 1.6 } else { 0.0 };
         let most = if round < 2 { ROUGH_PIXELS } else { MOST_PIXELS };
@@ -318,8 +318,9 @@ pub fn fit(
             return None;
         }
         if let Some((shown, inverse)) = normal {
-            let hopeless_correlation = hopeless_correlation.max(HOPELESS_CORRELATION[round]);
-            if shown.visible_count == 0 || shown.correlation < hopeless_correlation || shown.visible < hopeless_visible
+            if shown.visible_count == 0
+                || shown.correlation < hopeless_correlation.max(hopeless)
+                || shown.visible < hopeless_visible
             {
                 return None;
             }

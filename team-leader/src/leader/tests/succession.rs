@@ -32,7 +32,7 @@ fn numbers(world: &World, map: &TeamMap) -> BTreeMap<usize, TargetId> {
     let mut found = BTreeMap::new();
     for (n, person) in people.iter().enumerate() {
         let at = team_from_world.transform(Vector2::new(person.position[0], person.position[1]));
-        let near = |t: &&protocol::message::MapTarget| (t.position_m[0] - at.x).hypot(t.position_m[1] - at.y) < 0.4;
+        let near = |t: &&MapTarget| (t.position_m[0] - at.x).hypot(t.position_m[1] - at.y) < 0.4;
         if let Some(target) = map.targets.iter().find(near) {
             found.insert(n, target.id);
         }
