@@ -47,6 +47,7 @@ use crate::motion::{Arc, Holds, Object, Patch, Raster, Region, Scene};
 use body::Body;
 use figures::Figures;
 use group::Sought;
+use looks::Suspicions;
 use lost::LostPeople;
 use track::{Track, shape_of};
 
@@ -127,6 +128,7 @@ pub struct Tracker {
     events: Vec<AlarmKind>,
     lost: LostPeople,
     expected: Vec<Expected>,
+    suspicions: Suspicions,
     /// Where a person can be told by where he stands; objects are followed by their regions elsewhere.
     figures: Option<Figures>,
 }
@@ -165,6 +167,7 @@ impl Tracker {
             events: Vec::new(),
             lost: LostPeople::default(),
             expected: Vec::new(),
+            suspicions: Suspicions::default(),
         }
     }
 

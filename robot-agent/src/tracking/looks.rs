@@ -6,6 +6,7 @@
 //! itself before, and with those who were in doubt with it.
 
 use protocol::appearance::{Appearance, BAND_M, BANDS, Band};
+use protocol::id::TrackId;
 
 use super::View;
 use super::track::Track;
@@ -116,6 +117,49 @@ impl Looks {
     }
 }
 
+/// From so much on two have exchanged places, and so much at most speaks against it from before, nats.
+const SURELY_EXCHANGED: f64 = 2.0;
+const SURELY_NOT: f64 = -2.0;
+
+/// Of tracks that are in doubt together, how much speaks for their going on under each other's numbers, summed over the frames
+/// since they were beside each other: who has exchanged places with whom shows as soon as both come out, long before either
+/// is apart from everybody.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Suspicions(Vec<([TrackId; 2], f64)>);
+
+impl Suspicions {
+    /// Those who are not in doubt are not suspected.
+    pub(super) fn keep(&mut self, in_doubt: impl Fn(TrackId) -> bool) {
+        self.0.retain(|(pair, _)| pair.iter().all(|t| in_doubt(*t)));
+    }
+
+    /// A frame that shows two tracks, which are `beside` each other or not, and looks by `nats` more like their being each
+    /// other than like their being themselves. Whether they were exchanged.
+    pub(super) fn weigh(&mut self, a: TrackId, b: TrackId, beside: bool, nats: f64) -> bool {
+        let pair = [a.min(b), a.max(b)];
+        let known = self.0.iter().position(|(p, _)| *p == pair);
+        let Some(k) = known.or_else(|| {
+            beside.then(|| self.0.push((pair, 0.0)))?;
+            Some(self.0.len() - 1)
+        }) else {
+            return false;
+        };
+        let sum = &mut self.0[k].1;
+        *sum = (*sum + nats).max(SURELY_NOT);
+        let exchanged = *sum > SURELY_EXCHANGED;
+        if exchanged {
+            *sum = SURELY_NOT;
+        }
+        exchanged
+    }
+}
+
+/// By how much two sights look more like each other's owners than like their own, nats.
+pub(super) fn exchange_gain(now: [&Appearance; 2], known: [&Appearance; 2]) -> f64 {
+    let fit = |a: usize, b: usize| now[a].log_ratio(known[b]);
+    fit(0, 1) + fit(1, 0) - fit(0, 0) - fit(1, 1)
+}
+
 /// What became of a track in doubt.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Verdict {
@@ -136,9 +180,7 @@ fn judge(all: &[(&Looks, bool)], t: usize) -> Option<Verdict> {
     }
     let same = me.recent.log_ratio(&me.known);
     let in_doubt_too = || all.iter().enumerate().filter(|(o, (you, confirmed))| *o != t && you.doubtful && *confirmed);
-    let gain = |you: &Looks| {
-        me.recent.log_ratio(&you.known) - same + you.recent.log_ratio(&me.known) - you.recent.log_ratio(&you.known)
-    };
+    let gain = |you: &Looks| exchange_gain([&me.recent, &you.recent], [&me.known, &you.known]);
     let seen = in_doubt_too().filter(|(_, (you, _))| you.is_seen()).map(|(o, (you, _))| (o, gain(you)));
     if let Some((o, _)) = seen.filter(|(_, gain)| *gain > EXCHANGED).max_by(|a, b| a.1.total_cmp(&b.1)) {
         return Some(Verdict::Exchanged(o));
@@ -150,7 +192,7 @@ fn judge(all: &[(&Looks, bool)], t: usize) -> Option<Verdict> {
 }
 
 /// Acts on the verdicts; gives the tracks whose looks should be told. `new_id` numbers who is nobody that was known.
-pub(super) fn settle(tracks: &mut [Track], mut new_id: impl FnMut() -> protocol::id::TrackId) -> Vec<usize> {
+pub(super) fn settle(tracks: &mut [Track], mut new_id: impl FnMut() -> TrackId) -> Vec<usize> {
     let mut told = Vec::new();
     for t in 0..tracks.len() {
         let all: Vec<(&Looks, bool)> = tracks.iter().map(|t| (&t.looks, t.confirmed)).collect();
@@ -177,7 +219,7 @@ pub(super) fn settle(tracks: &mut [Track], mut new_id: impl FnMut() -> protocol:
 }
 
 /// Numbers and what belongs to a person and not to a place.
-fn exchange(tracks: &mut [Track], a: usize, b: usize) {
+pub(super) fn exchange(tracks: &mut [Track], a: usize, b: usize) {
     let [a, b] = {
         let (low, high) = (a.min(b), a.max(b));
         let (left, right) = tracks.split_at_mut(high);
@@ -225,6 +267,22 @@ mod tests {
         assert_eq!(judged([(&dark, &dark), (&dark, &dark)], 12), Some(Verdict::Same));
         let stranger = met(&dark, &bright, 12);
         assert_eq!(judge(&[(&stranger, true)], 0), Some(Verdict::SomebodyElse));
+    }
+
+    #[test]
+    fn who_comes_out_under_another_s_number_is_found_out_at_once() {
+        let (dark, bright) = (clothes(25.0, 60.0), clothes(60.0, 150.0));
+        let [a, b] = [TrackId(1), TrackId(2)];
+        let (own, others) =
+            (exchange_gain([&dark, &bright], [&dark, &bright]), exchange_gain([&bright, &dark], [&dark, &bright]));
+        let mut suspicions = Suspicions::default();
+        assert!(!suspicions.weigh(a, b, false, others), "they were never beside each other");
+        assert!((0..50).all(|_| !suspicions.weigh(a, b, true, own)));
+        let frames = (1..10).find(|_| suspicions.weigh(b, a, false, others));
+        assert!(frames.is_some_and(|n| n <= 3), "{frames:?}");
+        // Whoever looks alike is not exchanged.
+        let alike = exchange_gain([&dark, &dark], [&dark, &dark]);
+        assert!((0..50).all(|_| !suspicions.weigh(a, b, true, alike)));
     }
 
     #[test]

@@ -3,21 +3,28 @@
 //! A new track needs motion, for what stands still since nobody came is furniture. Somebody who was followed to where he
 //! stands needs none: a figure that is found there again is he, until his looks say otherwise (see [`super::looks`]). The
 //! background does not learn there meanwhile.
+//!
+//! And people who were last behind others: whoever comes out near there and looks like one of them is he.
 
 use protocol::id::TrackId;
 use protocol::time::Timestamp;
 
 use super::looks::Looks;
-use super::track::Track;
+use super::track::{Sighting, Track};
 use crate::motion::{Patch, Raster};
 
 /// How long a place is remembered after somebody was last seen standing there, seconds.
 const REMEMBERED_S: f64 = 8.0;
+/// How long somebody who is behind others is remembered, seconds, and how much he must look like himself there, nats.
+const BEHIND_S: f64 = 6.0;
+const LEAST_ALIKE: f64 = 0.5;
 /// Most places.
 const MOST: usize = 16;
 /// How far from the place a figure may be found: in shoulders' breadths, and as a ratio of distances (logarithm).
 const NEAR: f64 = 0.7;
 const NEAR_LOG_RANGE: f64 = 0.4;
+/// The same ratio of somebody who was behind others: how far away he was is known badly.
+const BEHIND_LOG_RANGE: f64 = 0.6;
 
 /// Where somebody was last seen apart from others and standing.
 #[derive(Debug, Clone, Copy)]
@@ -28,13 +35,21 @@ pub(super) struct Stand {
     pub(super) patch: Patch,
 }
 
-/// Somebody who stood there and is not followed any more.
+/// Somebody who stood there, or went behind others there, and is not followed any more.
 #[derive(Debug, Clone)]
 pub(super) struct Lost {
     pub(super) id: TrackId,
     pub(super) looks: Looks,
     stand: Stand,
     breadth: f64,
+    /// He was behind others.
+    behind: bool,
+}
+
+impl Lost {
+    fn is_over(&self, now: Timestamp) -> bool {
+        now.seconds_since(self.stand.at) >= if self.behind { BEHIND_S } else { REMEMBERED_S }
+    }
 }
 
 /// All of them.
@@ -42,30 +57,43 @@ pub(super) struct Lost {
 pub(super) struct LostPeople(Vec<Lost>);
 
 impl LostPeople {
-    /// Remembers a track that ends, if it stood of late.
+    /// Remembers a track that ends, if it stood of late or was with others.
     pub(super) fn note(&mut self, track: &Track, now: Timestamp) {
         self.forget(now);
-        let Some(stand) = track.stand.filter(|s| now.seconds_since(s.at) < REMEMBERED_S) else { return };
+        let stood = track.stand.filter(|s| now.seconds_since(s.at) < REMEMBERED_S);
+        let hidden = || {
+            let known = track.looks.in_doubt() && track.looks.firm().is_some();
+            let (column, log_range, patch) = (track.filter.column, track.log_range, track.patch());
+            known.then_some(Stand { at: now, column, log_range, patch })
+        };
+        let Some(stand) = stood.or_else(hidden) else { return };
         if track.confirmed && track.has_come() && self.0.len() < MOST {
             let mut looks = track.looks.clone();
             looks.doubt();
-            self.0.push(Lost { id: track.id, looks, stand, breadth: track.trunk_width });
+            self.0.push(Lost { id: track.id, looks, stand, breadth: track.trunk_width, behind: stood.is_none() });
         }
     }
 
-    /// Takes out who stood where a figure is found now.
-    pub(super) fn take(&mut self, column: f64, range_m: f64, now: Timestamp, raster: &Raster) -> Option<Lost> {
+    /// Takes out who stood where a figure is found now, or else who went behind others within `reach` columns and looks like it.
+    pub(super) fn take(&mut self, found: &Sighting, reach: f64, now: Timestamp, raster: &Raster) -> Option<Lost> {
         self.forget(now);
-        let away = |l: &Lost| raster.column_difference(column, l.stand.column).abs() / l.breadth.max(1.0);
-        let fits = |l: &Lost| away(l) < NEAR && (range_m.ln() - l.stand.log_range).abs() < NEAR_LOG_RANGE;
-        let (k, _) =
-            self.0.iter().enumerate().filter(|(_, l)| fits(l)).min_by(|a, b| away(a.1).total_cmp(&away(b.1)))?;
+        let away = |l: &Lost| raster.column_difference(found.axis, l.stand.column).abs();
+        let farther = |l: &Lost| (found.range_m.ln() - l.stand.log_range).abs();
+        let places = |l: &Lost| away(l) / l.breadth.max(1.0);
+        let stands = |l: &Lost| !l.behind && places(l) < NEAR && farther(l) < NEAR_LOG_RANGE;
+        let all = || self.0.iter().enumerate();
+        let stood = all().filter(|(_, l)| stands(l)).min_by(|a, b| places(a.1).total_cmp(&places(b.1)));
+        let alike = |l: &Lost| l.looks.firm().map_or(f64::NEG_INFINITY, |known| found.appearance.log_ratio(known));
+        let comes_out =
+            |l: &Lost| l.behind && away(l) < reach && farther(l) < BEHIND_LOG_RANGE && alike(l) > LEAST_ALIKE;
+        let hidden = || all().filter(|(_, l)| comes_out(l)).max_by(|a, b| alike(a.1).total_cmp(&alike(b.1)));
+        let (k, _) = stood.or_else(hidden)?;
         Some(self.0.swap_remove(k))
     }
 
     /// Where they stood.
     pub(super) fn patches(&self) -> impl Iterator<Item = Patch> + '_ {
-        self.0.iter().map(|l| l.stand.patch)
+        self.0.iter().filter(|l| !l.behind).map(|l| l.stand.patch)
     }
 
     /// Nobody is remembered any more.
@@ -74,6 +102,6 @@ impl LostPeople {
     }
 
     fn forget(&mut self, now: Timestamp) {
-        self.0.retain(|l| now.seconds_since(l.stand.at) < REMEMBERED_S);
+        self.0.retain(|l| !l.is_over(now));
     }
 }

@@ -1,5 +1,6 @@
 //! Following people by the figures they make (see [`super::figures`]): tracks predict them, the frame places them.
 
+use protocol::appearance::Appearance;
 use protocol::id::TrackId;
 use protocol::message::TrackState;
 use protocol::time::Timestamp;
@@ -23,6 +24,8 @@ const NEW_SUPPORT: f32 = 0.4;
 const NEW_OWN: f32 = 0.5;
 /// What somebody whom only others saw until now must explain that no known figure does.
 const TOLD_EVIDENCE: f32 = 0.4;
+/// Own share from which on somebody in doubt is compared with those who were beside him.
+const COMPARED_OWN: f32 = 0.6;
 /// Share of the pixels that must be in moving objects for the person to move.
 const MOVING: f64 = 0.4;
 /// Fellow robots reach this far above the horizon (their masts are too thin to matter), and their outlines this far beyond
@@ -36,6 +39,9 @@ const OUT_M: f64 = 0.7;
 const OUT_LOG_RANGE: f64 = 0.5;
 const MOST_ELSEWHERE: f32 = 0.5;
 const LEAST_ALIKE: f64 = -1.0;
+
+/// Whoever was hidden by others for long comes out no further from where he was last thought to be, metres.
+const WANDERED_M: f64 = 1.2;
 
 /// Breadth of the trunk.
 const SHOULDERS_M: f64 = 0.42;
@@ -79,6 +85,7 @@ impl Tracker {
             .collect();
         self.areas.clear();
         let mut looks = looks.into_iter();
+        let mut now: Vec<Option<Appearance>> = vec![None; known];
         for (t, figure) in all[..known].iter().enumerate() {
             let look = looks.next().flatten();
             let seen = figure.own >= LEAST_OWN && figure.support >= LEAST_SUPPORT && figure.evidence >= LEAST_EVIDENCE;
@@ -91,10 +98,12 @@ impl Tracker {
                         figures.learn(figure, &mut track.figure_shape);
                     }
                     track.see_figure(&look.sighting, capture, &self.raster);
+                    now[t] = Some(look.sighting.appearance);
                 }
                 None => track.miss(),
             }
         }
+        self.suspect(&figures, &all, &now, capture);
         for ((k, figure), look) in all.iter().enumerate().skip(known).zip(looks) {
             let Some(look) = look.filter(|l| !l.ghost) else { continue };
             let others_see = k < told;
@@ -110,7 +119,8 @@ impl Tracker {
                 continue;
             }
             if enough && self.tracks.len() < association::MAX_SIDE {
-                let returned = self.lost.take(look.sighting.axis, figure.range_m, capture, &self.raster);
+                let reach = figures.columns_of(WANDERED_M, figure.range_m);
+                let returned = self.lost.take(&look.sighting, reach, capture, &self.raster);
                 if !look.sighting.moves && returned.is_none() && !others_see {
                     continue;
                 }
@@ -134,6 +144,31 @@ impl Tracker {
         // Whom nothing speaks for that seniors do not explain is a part of them.
         self.keep_tracks(|t| t.evidence > LEAST_MEAN_EVIDENCE);
         self.figures = Some(figures);
+    }
+
+    /// Whether people who are in doubt go on under each other's numbers. `now`: what the tracks look like in this frame.
+    fn suspect(&mut self, figures: &Figures, all: &[Figure], now: &[Option<Appearance>], capture: Timestamp) {
+        let tracks = &self.tracks;
+        self.suspicions.keep(|id| tracks.iter().any(|t| t.id == id && t.looks.in_doubt()));
+        let shows = |t: usize| {
+            let track = &self.tracks[t];
+            let compared = track.confirmed && track.looks.in_doubt() && all[t].own >= COMPARED_OWN;
+            Some((t, now[t].filter(|_| compared)?))
+        };
+        let shown: Vec<(usize, Appearance)> = (0..now.len()).filter_map(shows).collect();
+        for (n, (a, now_a)) in shown.iter().enumerate() {
+            for (b, now_b) in &shown[..n] {
+                let [one, other] = [a, b].map(|t| &self.tracks[*t]);
+                let (Some(known_a), Some(known_b)) = (one.looks.firm(), other.looks.firm()) else { continue };
+                let nats = looks::exchange_gain([now_a, now_b], [known_a, known_b]);
+                if self.suspicions.weigh(one.id, other.id, figures.are_beside(&all[*a], &all[*b]), nats) {
+                    looks::exchange(&mut self.tracks, *a, *b);
+                    for t in [*a, *b] {
+                        self.tracks[t].turning_point = Some(capture);
+                    }
+                }
+            }
+        }
     }
 
     /// Of those who were with others and for whom little speaks where they are, the one who may be seen here.

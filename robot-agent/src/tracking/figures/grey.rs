@@ -2,7 +2,7 @@
 
 use protocol::appearance::{Appearance, BAND_M};
 
-use super::{Figures, Place, Rest, Sought};
+use super::{Figure, Figures, Place, Rest, Sought};
 
 /// What looks count beside marks ([`super::FULL_EVIDENCE`]): nats for a body all of which is seen, times the mean of the cells.
 const LOOKS_EVIDENCE: f64 = 12.0;
@@ -32,6 +32,12 @@ impl Figures {
 
     fn are_near(&self, a: &Sought<'_>, b: &Sought<'_>) -> bool {
         let room = |s: &Sought<'_>| self.columns_of(BESIDE_M, s.range_m) + s.column_sigma;
+        self.raster.column_difference(a.column, b.column).abs() < room(a) + room(b)
+    }
+
+    /// Whether marks of one figure may be the other's.
+    pub(in crate::tracking) fn are_beside(&self, a: &Figure, b: &Figure) -> bool {
+        let room = |f: &Figure| self.columns_of(BESIDE_M, f.range_m);
         self.raster.column_difference(a.column, b.column).abs() < room(a) + room(b)
     }
 
