@@ -19,10 +19,11 @@ use std::ops::Range;
 use std::sync::{Arc, Mutex};
 
 use super::super::LutEntry;
-use crate::motion::kernel::{Level, available, wide};
+use crate::motion::kernel::{self, Level, available, wide};
+use crate::motion::{CELL_COLUMNS, CELL_ROWS, Work};
 
 /// Columns of a tile.
-const COLUMNS: usize = 64;
+const COLUMNS: usize = CELL_COLUMNS;
 /// Pixels of a tile's copy at most, if it has more than one row: 28 KB.
 const MOST_PIXELS: usize = 14 * 1024;
 /// Pixels that are copied together.
@@ -31,8 +32,6 @@ const BLOCK: usize = 32;
 const COPY_BYTES: usize = 2 * (1 << 16) + 2;
 /// Rows of a tile between which source is fetched.
 const FETCH_ROWS: usize = 4;
-/// Bytes of a line of the cache.
-const LINE: usize = 64;
 
 /// The table in the order of work.
 #[derive(Debug, Clone)]
@@ -58,8 +57,12 @@ pub(crate) struct Tiles {
 struct Tile {
     column: usize,
     rows: Range<usize>,
+    /// Rows of offsets and weights before its own.
+    first: usize,
     /// Of the source, as it is copied.
     spans: Range<usize>,
+    /// The spans that each band of [`CELL_ROWS`] rows needs, from the band of its first row on.
+    needed: Vec<Range<usize>>,
 }
 
 /// Neighbouring pixels of a row of the source.
@@ -67,6 +70,8 @@ struct Tile {
 struct Span {
     start: u32,
     blocks: u32,
+    /// First block in the copy.
+    at: u32,
 }
 
 impl Tiles {
@@ -139,23 +144,31 @@ impl Tiles {
         if pixels > usize::from(u16::MAX) {
             return None;
         }
-        let spans = self.spans.len();
+        let (spans, first_row) = (self.spans.len(), self.offsets.len() / COLUMNS);
         let mut base = 0;
         // Where a row's pixel 0 would be in the copy.
         let mut bases: BTreeMap<usize, isize> = BTreeMap::new();
+        let mut numbers: BTreeMap<usize, usize> = BTreeMap::new();
         for (source_row, span) in used {
             let length = length(span);
             // The last row's span must not run out of the picture.
             let start = span[0].min(self.source_len.checked_sub(stride + length)?);
             bases.insert(source_row, base as isize - start as isize);
-            self.spans.push(Span { start: start as u32, blocks: (length / BLOCK) as u32 });
+            let [start, blocks, at] = [start, length / BLOCK, base / BLOCK].map(|n| n as u32);
+            numbers.insert(source_row, self.spans.len());
+            self.spans.push(Span { start, blocks, at });
             base += length;
         }
+        let first_band = first / CELL_ROWS;
+        let mut needed = vec![Range { start: usize::MAX, end: 0 }; (end - 1) / CELL_ROWS + 1 - first_band];
         for v in first..end {
+            let needed: &mut Range<usize> = &mut needed[v / CELL_ROWS - first_band];
             let mut weights = [0; COLUMNS];
             for (i, entry) in row(v).iter().enumerate() {
                 let (offset, weight) = place(entry);
                 let base = bases.get(&(offset / stride))?;
+                let number = *numbers.get(&(offset / stride))?;
+                *needed = needed.start.min(number)..needed.end.max(number + 1);
                 self.offsets.push(u16::try_from(offset as isize + base).ok()?);
                 weights[weight_place(i)] = weight.unwrap_or(0);
                 if weight.is_none() {
@@ -164,7 +177,8 @@ impl Tiles {
             }
             self.weights.extend_from_slice(&weights);
         }
-        self.tiles.push(Tile { column, rows: first..end, spans: spans..self.spans.len() });
+        let spans = spans..self.spans.len();
+        self.tiles.push(Tile { column, rows: first..end, first: first_row, spans, needed });
         Some(end)
     }
 
@@ -178,15 +192,19 @@ impl Tiles {
             + COPY_BYTES
     }
 
-    /// Unwarps; whether it could: a source or output of another size is left to the plain loop.
-    pub(crate) fn unwarp(&self, source: &[u8], out: &mut [u8]) -> bool {
+    /// Unwarps, where the cells of `work` are worked if it is given; whether it could: a source or output of another size is left to
+    /// the plain loop.
+    pub(crate) fn unwarp(&self, source: &[u8], work: Option<&Work>, out: &mut [u8]) -> bool {
         if source.len() != self.source_len || out.len() != self.width * self.height {
             return false;
         }
         let Ok(mut copy) = self.copy.try_lock() else { return false };
         copy.resize(COPY_BYTES, 0);
         let Some(copy) = copy.first_chunk_mut() else { return false };
-        work(self, source, copy, out);
+        match work.filter(|work| !work.is_whole()) {
+            Some(cells) => draw_cells(self, source, cells, copy, out),
+            None => draw(self, source, copy, out),
+        }
         for (i, entry) in &self.rim {
             out[*i as usize] = super::sample(source, self.stride, *entry);
         }
@@ -212,7 +230,7 @@ const fn weight_place(i: usize) -> usize {
 }
 
 /// All tiles, one after the other.
-fn work(tiles: &Tiles, source: &[u8], copy: &mut [u8; COPY_BYTES], out: &mut [u8]) {
+fn draw(tiles: &Tiles, source: &[u8], copy: &mut [u8; COPY_BYTES], out: &mut [u8]) {
     let (stride, width) = (tiles.stride, tiles.width);
     let (mut offsets, mut weights) = (tiles.offsets.as_chunks::<COLUMNS>().0, tiles.weights.as_chunks::<COLUMNS>().0);
     let level = available();
@@ -238,10 +256,56 @@ fn work(tiles: &Tiles, source: &[u8], copy: &mut [u8; COPY_BYTES], out: &mut [u8
     }
 }
 
+/// The cells that are worked, tile by tile. While one is worked the source of the next one is fetched.
+fn draw_cells(tiles: &Tiles, source: &[u8], work: &Work, copy: &mut [u8; COPY_BYTES], out: &mut [u8]) {
+    let (offsets, weights) = (tiles.offsets.as_chunks::<COLUMNS>().0, tiles.weights.as_chunks::<COLUMNS>().0);
+    let level = available();
+    let mut cells = tiles.tiles.iter().enumerate().flat_map(|(t, tile)| {
+        let (column, first) = (tile.column.div_ceil(COLUMNS), tile.rows.start / CELL_ROWS);
+        let bands = (first..).zip(&tile.needed).filter(move |(band, _)| work.is_worked(column, *band));
+        bands.map(move |(band, needed)| (t, tile, band, needed))
+    });
+    // Of a tile what is copied once is not copied again: neighbouring bands need neighbouring spans.
+    let mut copied = (usize::MAX, 0..0);
+    let mut next = cells.next();
+    while let Some((t, tile, band, needed)) = next {
+        next = cells.next();
+        if copied.0 != t || needed.start > copied.1.end || needed.end < copied.1.start {
+            copied = (t, needed.start..needed.start);
+        }
+        for spans in missing(needed, &copied.1) {
+            fill(copy, source, tiles.stride, &tiles.spans[spans]);
+        }
+        copied.1 = copied.1.start.min(needed.start)..copied.1.end.max(needed.end);
+        let ahead = next.as_ref().map_or([0..0, 0..0], |(later, _, _, needed)| {
+            if *later == t { missing(needed, &copied.1) } else { [0..0, (*needed).clone()] }
+        });
+        let rows = tile.rows.start.max(band * CELL_ROWS)..tile.rows.end.min((band + 1) * CELL_ROWS);
+        let share = |spans: &Range<usize>, k: usize| spans.start + spans.len() * k / rows.len();
+        for (k, v) in rows.clone().enumerate() {
+            for spans in &ahead {
+                fetch(source, &tiles.spans[share(spans, k)..share(spans, k + 1)]);
+            }
+            let at = tile.first + v - tile.rows.start;
+            if let Some(out) = out[v * tiles.width + tile.column..].first_chunk_mut() {
+                sample_row(level, copy, &offsets[at], &weights[at], out);
+            }
+        }
+    }
+}
+
+/// What of some spans is not among others, which they touch.
+fn missing(wanted: &Range<usize>, there: &Range<usize>) -> [Range<usize>; 2] {
+    let before = wanted.start..wanted.end.min(there.start).max(wanted.start);
+    let after = wanted.start.max(there.end).min(wanted.end)..wanted.end;
+    [before, after]
+}
+
 wide! {
 /// Copies the spans, each pixel beside the one below it, less 128.
 fn fill(copy: &mut [u8; COPY_BYTES], source: &[u8], stride: usize, spans: &[Span]) {
-    let mut blocks = copy.as_chunks_mut::<{ 2 * BLOCK }>().0;
+    let Some(first) = spans.first() else { return };
+    let Some(mut blocks) = copy.as_chunks_mut::<{ 2 * BLOCK }>().0.get_mut(first.at as usize..) else { return };
     for span in spans {
         let length = span.blocks as usize * BLOCK;
         let upper = &source[span.start as usize..][..length];
@@ -261,19 +325,10 @@ fn fill(copy: &mut [u8; COPY_BYTES], source: &[u8], stride: usize, spans: &[Span
 /// Fetches spans into the cache.
 #[inline(always)]
 fn fetch(source: &[u8], spans: &[Span]) {
-    #[cfg(target_arch = "x86_64")]
     for span in spans {
         let Some(pixels) = source.get(span.start as usize..) else { return };
-        let mut line = pixels.as_ptr();
-        for _ in 0..(span.blocks as usize * BLOCK).div_ceil(LINE) {
-            use std::arch::x86_64::{_MM_HINT_T0, _mm_prefetch};
-            // SAFETY: a hint; nothing is read.
-            unsafe { _mm_prefetch::<_MM_HINT_T0>(line.cast()) };
-            line = line.wrapping_add(LINE);
-        }
+        kernel::fetch(&pixels[..pixels.len().min(span.blocks as usize * BLOCK)]);
     }
-    #[cfg(not(target_arch = "x86_64"))]
-    let _ = (source, spans, LINE);
 }
 
 /// A row of a tile.
@@ -374,7 +429,7 @@ mod tests {
         super::super::unwarp(&source, stride, entries, width, &mut want);
         for level in [Level::Portable, Level::Avx2, Level::Avx512] {
             let mut got = vec![0; entries.len()];
-            assert!(at_most(level, || tiles.unwarp(&source, &mut got)));
+            assert!(at_most(level, || tiles.unwarp(&source, None, &mut got)));
             assert_eq!(got, want, "{width} columns, {level:?}");
         }
     }
