@@ -276,7 +276,8 @@ impl Background {
         let known = &self.known[y * self.stride + run.words.start..y * self.stride + run.words.end];
         for (w, ((faint, strong), known)) in faint.iter_mut().zip(strong).zip(known).enumerate() {
             // A few marks among known pixels are noise.
-            if (known & *faint).count_ones() < FEW_KNOWN {
+            let marked = known & *faint;
+            if marked == 0 || marked.count_ones() < FEW_KNOWN {
                 continue;
             }
             let here = w * WORD..((w + 1) * WORD).min(picture.len());

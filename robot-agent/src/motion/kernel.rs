@@ -207,13 +207,20 @@ pub fn largest_of_eights(values: &mut [u8], out: &mut [u8]) {
 wide! {
 /// The first 64 pixels (fewer at the end) of which `values` is at least `least`.
 pub fn at_least(values: &[u8], least: &[u8]) -> u64 {
-    let (values, least) = (padded(values), padded(least));
+    match (values.first_chunk(), least.first_chunk()) {
+        (Some(values), Some(least)) => block_at_least(values, least),
+        _ => block_at_least(&padded(values), &padded(least)),
+    }
+}
+}
+
+#[inline(always)]
+fn block_at_least(values: &[u8; 64], least: &[u8; 64]) -> u64 {
     let mut large = [0u8; 64];
     for i in 0..64 {
         large[i] = if values[i] >= least[i] { u8::MAX } else { 0 };
     }
     bits_of(&large)
-}
 }
 
 wide! {

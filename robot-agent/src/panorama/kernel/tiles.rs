@@ -38,6 +38,8 @@ const FETCH_ROWS: usize = 4;
 pub(crate) struct Tiles {
     tiles: Vec<Tile>,
     spans: Vec<Span>,
+    /// The same by cells.
+    pieces: Vec<Span>,
     /// Places in the tile's copy.
     offsets: Vec<u16>,
     /// fx | fy << 8, those of each sixteen pixels in the order of [`weight_place`].
@@ -61,8 +63,8 @@ struct Tile {
     first: usize,
     /// Of the source, as it is copied.
     spans: Range<usize>,
-    /// The spans that each band of [`CELL_ROWS`] rows needs, from the band of its first row on.
-    needed: Vec<Range<usize>>,
+    /// What each band of [`CELL_ROWS`] rows needs of them, from the band of its first row on.
+    pieces: Vec<Range<usize>>,
 }
 
 /// Neighbouring pixels of a row of the source.
@@ -86,6 +88,7 @@ impl Tiles {
         let mut tiles = Self {
             tiles: Vec::new(),
             spans: Vec::new(),
+            pieces: Vec::new(),
             offsets: Vec::with_capacity(entries.len()),
             weights: Vec::with_capacity(entries.len()),
             rim: Vec::new(),
@@ -148,37 +151,46 @@ impl Tiles {
         let mut base = 0;
         // Where a row's pixel 0 would be in the copy.
         let mut bases: BTreeMap<usize, isize> = BTreeMap::new();
-        let mut numbers: BTreeMap<usize, usize> = BTreeMap::new();
         for (source_row, span) in used {
             let length = length(span);
             // The last row's span must not run out of the picture.
             let start = span[0].min(self.source_len.checked_sub(stride + length)?);
             bases.insert(source_row, base as isize - start as isize);
             let [start, blocks, at] = [start, length / BLOCK, base / BLOCK].map(|n| n as u32);
-            numbers.insert(source_row, self.spans.len());
             self.spans.push(Span { start, blocks, at });
             base += length;
         }
-        let first_band = first / CELL_ROWS;
-        let mut needed = vec![Range { start: usize::MAX, end: 0 }; (end - 1) / CELL_ROWS + 1 - first_band];
+        let mut pieces = Vec::new();
+        // First and last block of each row of the source that a band needs.
+        let mut blocks: BTreeMap<usize, [usize; 2]> = BTreeMap::new();
         for v in first..end {
-            let needed: &mut Range<usize> = &mut needed[v / CELL_ROWS - first_band];
             let mut weights = [0; COLUMNS];
             for (i, entry) in row(v).iter().enumerate() {
                 let (offset, weight) = place(entry);
                 let base = bases.get(&(offset / stride))?;
-                let number = *numbers.get(&(offset / stride))?;
-                *needed = needed.start.min(number)..needed.end.max(number + 1);
-                self.offsets.push(u16::try_from(offset as isize + base).ok()?);
+                let place = u16::try_from(offset as isize + base).ok()?;
+                let [low, high] = [usize::from(place) / BLOCK, (usize::from(place) + 1) / BLOCK];
+                let span = blocks.entry(offset / stride).or_insert([low, high]);
+                *span = [span[0].min(low), span[1].max(high)];
+                self.offsets.push(place);
                 weights[weight_place(i)] = weight.unwrap_or(0);
                 if weight.is_none() {
                     self.rim.push(((v * self.width + column + i) as u32, *entry));
                 }
             }
             self.weights.extend_from_slice(&weights);
+            if v + 1 == end || (v + 1).is_multiple_of(CELL_ROWS) {
+                let before = self.pieces.len();
+                for (source_row, [low, high]) in std::mem::take(&mut blocks) {
+                    let start = (low * BLOCK) as isize - bases.get(&source_row)?;
+                    let [start, blocks, at] = [start as usize, high + 1 - low, low].map(|n| n as u32);
+                    self.pieces.push(Span { start, blocks, at });
+                }
+                pieces.push(before..self.pieces.len());
+            }
         }
         let spans = spans..self.spans.len();
-        self.tiles.push(Tile { column, rows: first..end, first: first_row, spans, needed });
+        self.tiles.push(Tile { column, rows: first..end, first: first_row, spans, pieces });
         Some(end)
     }
 
@@ -186,6 +198,7 @@ impl Tiles {
     pub(crate) fn memory_bytes(&self) -> usize {
         size_of_val(&*self.tiles)
             + size_of_val(&*self.spans)
+            + size_of_val(&*self.pieces)
             + size_of_val(&*self.offsets)
             + size_of_val(&*self.weights)
             + size_of_val(&*self.rim)
@@ -260,31 +273,23 @@ fn draw(tiles: &Tiles, source: &[u8], copy: &mut [u8; COPY_BYTES], out: &mut [u8
 fn draw_cells(tiles: &Tiles, source: &[u8], work: &Work, copy: &mut [u8; COPY_BYTES], out: &mut [u8]) {
     let (offsets, weights) = (tiles.offsets.as_chunks::<COLUMNS>().0, tiles.weights.as_chunks::<COLUMNS>().0);
     let level = available();
-    let mut cells = tiles.tiles.iter().enumerate().flat_map(|(t, tile)| {
+    let mut cells = tiles.tiles.iter().flat_map(|tile| {
         let (column, first) = (tile.column.div_ceil(COLUMNS), tile.rows.start / CELL_ROWS);
-        let bands = (first..).zip(&tile.needed).filter(move |(band, _)| work.is_worked(column, *band));
-        bands.map(move |(band, needed)| (t, tile, band, needed))
+        let bands = (first..).zip(&tile.pieces).filter(move |(band, _)| work.is_worked(column, *band));
+        bands.map(move |(band, pieces)| (tile, band, &tiles.pieces[pieces.clone()]))
     });
-    // Of a tile what is copied once is not copied again: neighbouring bands need neighbouring spans.
-    let mut copied = (usize::MAX, 0..0);
     let mut next = cells.next();
-    while let Some((t, tile, band, needed)) = next {
+    while let Some((tile, band, pieces)) = next {
         next = cells.next();
-        if copied.0 != t || needed.start > copied.1.end || needed.end < copied.1.start {
-            copied = (t, needed.start..needed.start);
-        }
-        for spans in missing(needed, &copied.1) {
-            fill(copy, source, tiles.stride, &tiles.spans[spans]);
-        }
-        copied.1 = copied.1.start.min(needed.start)..copied.1.end.max(needed.end);
-        let ahead = next.as_ref().map_or([0..0, 0..0], |(later, _, _, needed)| {
-            if *later == t { missing(needed, &copied.1) } else { [0..0, (*needed).clone()] }
-        });
+        fill(copy, source, tiles.stride, pieces);
+        let mut ahead = next.map_or(&[][..], |(_, _, pieces)| pieces);
         let rows = tile.rows.start.max(band * CELL_ROWS)..tile.rows.end.min((band + 1) * CELL_ROWS);
-        let share = |spans: &Range<usize>, k: usize| spans.start + spans.len() * k / rows.len();
-        for (k, v) in rows.clone().enumerate() {
-            for spans in &ahead {
-                fetch(source, &tiles.spans[share(spans, k)..share(spans, k + 1)]);
+        let share = ahead.len().div_ceil(rows.len().div_ceil(FETCH_ROWS));
+        for (k, v) in rows.enumerate() {
+            if k % FETCH_ROWS == 0 {
+                let (now, later) = ahead.split_at(share.min(ahead.len()));
+                fetch(source, now);
+                ahead = later;
             }
             let at = tile.first + v - tile.rows.start;
             if let Some(out) = out[v * tiles.width + tile.column..].first_chunk_mut() {
@@ -294,30 +299,21 @@ fn draw_cells(tiles: &Tiles, source: &[u8], work: &Work, copy: &mut [u8; COPY_BY
     }
 }
 
-/// What of some spans is not among others, which they touch.
-fn missing(wanted: &Range<usize>, there: &Range<usize>) -> [Range<usize>; 2] {
-    let before = wanted.start..wanted.end.min(there.start).max(wanted.start);
-    let after = wanted.start.max(there.end).min(wanted.end)..wanted.end;
-    [before, after]
-}
-
 wide! {
 /// Copies the spans, each pixel beside the one below it, less 128.
 fn fill(copy: &mut [u8; COPY_BYTES], source: &[u8], stride: usize, spans: &[Span]) {
-    let Some(first) = spans.first() else { return };
-    let Some(mut blocks) = copy.as_chunks_mut::<{ 2 * BLOCK }>().0.get_mut(first.at as usize..) else { return };
+    let blocks = copy.as_chunks_mut::<{ 2 * BLOCK }>().0;
     for span in spans {
         let length = span.blocks as usize * BLOCK;
         let upper = &source[span.start as usize..][..length];
         let lower = &source[span.start as usize + stride..][..length];
-        let Some((here, later)) = blocks.split_at_mut_checked(span.blocks as usize) else { return };
+        let Some(here) = blocks.get_mut(span.at as usize..(span.at + span.blocks) as usize) else { return };
         let pairs = upper.as_chunks::<BLOCK>().0.iter().zip(lower.as_chunks::<BLOCK>().0);
         for ((upper, lower), block) in pairs.zip(here) {
             for (pair, (a, c)) in block.as_chunks_mut::<2>().0.iter_mut().zip(upper.iter().zip(lower)) {
                 *pair = [*a ^ 128, *c ^ 128];
             }
         }
-        blocks = later;
     }
 }
 }
