@@ -14,6 +14,7 @@
 
 mod background;
 mod bodies;
+mod drawing;
 mod filter;
 mod floor;
 mod gain;
@@ -22,6 +23,7 @@ mod ghost;
 mod halo;
 mod holes;
 pub mod kernel;
+mod marking;
 mod marks;
 mod own_motion;
 mod raster;
@@ -37,6 +39,7 @@ use protocol::time::Timestamp;
 
 use background::Learnt;
 pub use background::{Background, BackgroundMode, LearningRate};
+pub use drawing::Drawing;
 pub use gate::{region_moves, scene_changed};
 pub use raster::{Arc, Raster};
 pub(crate) use regions::Run;
@@ -351,68 +354,9 @@ impl MotionStage {
         self.next_buffer()
     }
 
-    /// The same, where cells need be drawn only as far as [`Work`] says: those that it says now, and those in which something has
-    /// changed, of which it is to be told. `whole`: somebody wants to see all of the picture.
-    pub fn next_drawing(&mut self, whole: bool) -> Drawing<'_> {
-        self.work.set_steady(self.settings.rests && self.motion == Motion::Standing && !self.sensor_failed);
-        let settled = self.state == BackgroundState::Ready && self.ready_frames >= SETTLING_FRAMES;
-        if settled && self.work.is_steady() {
-            self.work.plan(self.spacing_s);
-            if whole {
-                self.work.draw_all();
-            }
-        } else {
-            self.work.plan_all();
-        }
-        Drawing { stage: self }
-    }
-
     fn next_buffer(&mut self) -> &mut [u8] {
         self.next.resize(self.raster.len(), 0);
         &mut self.next
-    }
-
-    /// Which cells of the last picture were worked.
-    #[cfg(test)]
-    pub(crate) fn work(&self) -> &Work {
-        &self.work
-    }
-
-    /// Keeps what is in the cells that will be drawn anew.
-    fn keep_worked(&mut self) {
-        const AHEAD: usize = 4;
-        let width = self.raster.width;
-        self.next.resize(self.raster.len(), 0);
-        for (band, rows) in self.work.bands() {
-            for run in self.work.worked(band) {
-                for y in rows.clone() {
-                    let pixels = y * width + run.columns.start..y * width + run.columns.end;
-                    for buffer in [&self.picture, &self.next] {
-                        kernel::fetch(
-                            buffer.get(pixels.start + AHEAD * width..pixels.end + AHEAD * width).unwrap_or(&[]),
-                        );
-                    }
-                    self.next[pixels.clone()].copy_from_slice(&self.picture[pixels]);
-                }
-            }
-        }
-        self.drawn_in_place = true;
-    }
-
-    /// Whether the picture is the one before, as far as it was drawn.
-    fn is_same_picture(&self) -> bool {
-        if self.work.is_whole() || self.before.len() != self.picture.len() {
-            return self.picture == self.before;
-        }
-        let width = self.raster.width;
-        self.work.bands().all(|(band, rows)| {
-            self.work.worked(band).all(|run| {
-                rows.clone().all(|y| {
-                    let pixels = y * width + run.columns.start..y * width + run.columns.end;
-                    self.picture[pixels.clone()] == self.before[pixels]
-                })
-            })
-        })
     }
 
     /// The picture drawn last that was taken, or was none (see [`AlarmKind::SensorFailure`]).
@@ -798,65 +742,6 @@ impl MotionStage {
         differing
     }
 
-    /// Marks a band of rows where it is worked; how many pixels differ strongly.
-    fn mark_band(&mut self, band: usize, exposure_q15: u16, floors: [u16; 2]) -> usize {
-        let (width, stride) = (self.raster.width, self.faint.stride());
-        let Background { level, noise, .. } = &self.background;
-        let rows = band * halo::CELL..((band + 1) * halo::CELL).min(self.raster.height);
-        let mut differing = 0;
-        for run in self.work.worked(rows.start / CELL_ROWS) {
-            for y in rows.clone() {
-                self.fetch_row(y + FETCH_ROWS, &run);
-                let pixels = y * width + run.columns.start..y * width + run.columns.end;
-                let words = y * stride + run.words.start..y * stride + run.words.end;
-                let row = kernel::Compared {
-                    picture: &self.picture[pixels.clone()],
-                    exposure_q15,
-                    background: &level[pixels.clone()],
-                    noise: &noise[pixels.clone()],
-                    floors,
-                };
-                let faint = &mut self.faint.words_mut()[words.clone()];
-                let strong = &mut self.strong.words_mut()[words];
-                let most = &mut self.halo.most()[run.columns.clone()];
-                kernel::mark_changes(row, &mut self.magnitude[pixels.clone()], most, faint, strong);
-                if self.partly_valid[band] {
-                    let valid = &self.valid_marks.row(y)[run.words.clone()];
-                    for ((f, s), v) in faint.iter_mut().zip(strong.iter_mut()).zip(valid) {
-                        (*f, *s) = (*f & v, *s & v);
-                    }
-                }
-                self.background.forgive_known(&self.picture[pixels], exposure_q15, y, &run, faint, strong);
-                differing += strong.iter().map(|s| s.count_ones() as usize).sum::<usize>();
-            }
-        }
-        differing
-    }
-
-    /// Fetches some pixels of a row into the cache.
-    fn fetch_row(&self, y: usize, run: &work::Run) {
-        let pixels = y * self.raster.width + run.columns.start..y * self.raster.width + run.columns.end;
-        self.background.fetch(y, run);
-        for pixels in [self.picture.get(pixels.clone()), self.magnitude.get(pixels)].into_iter().flatten() {
-            kernel::fetch(pixels);
-        }
-    }
-
-    /// Where the frame before was worked and this one is not nothing is marked.
-    fn wipe_left(&mut self) {
-        let (width, stride) = (self.raster.width, self.faint.stride());
-        for (band, rows) in self.work.bands() {
-            for run in self.work.left(band) {
-                for y in rows.clone() {
-                    self.magnitude[y * width + run.columns.start..y * width + run.columns.end].fill(0);
-                    for marks in [&mut self.faint, &mut self.strong] {
-                        marks.words_mut()[y * stride + run.words.start..y * stride + run.words.end].fill(0);
-                    }
-                }
-            }
-        }
-    }
-
     /// Median of the pixels' noise, from a sparse sample.
     fn update_noise_sigma(&mut self) {
         const STRIDE: usize = 131;
@@ -955,8 +840,6 @@ const GATE_SPACING_S: f64 = 0.1;
 const STILL_DS: u32 = 20;
 /// Rows ahead of which pixels are fetched: where a row is worked here and there, it is not read in one piece.
 const FETCH_ROWS: usize = 2;
-/// A new background is worked whole for so many frames: its noise is not well known yet.
-const SETTLING_FRAMES: u32 = 12;
 /// Frames in which a region must look like a ghost before it is one.
 const GHOST_FRAMES: u32 = 2;
 const FOLLOWED_GHOST_FRAMES: u32 = 10;
@@ -966,30 +849,6 @@ fn anchor<'a>(state: BackgroundState, background: &'a Background, first: &'a [u8
     match state {
         BackgroundState::Ready => Some(Anchor::Background(&background.level)),
         _ => (!first.is_empty()).then_some(Anchor::Picture(first)),
-    }
-}
-
-/// A picture that is to be drawn.
-#[derive(Debug)]
-pub struct Drawing<'a> {
-    stage: &'a mut MotionStage,
-}
-
-impl Drawing<'_> {
-    /// Which cells must be drawn.
-    pub fn work(&mut self) -> &mut Work {
-        &mut self.stage.work
-    }
-
-    /// Where they are to be drawn, once it is known which; the rest shows what it showed. To be called once.
-    pub fn picture(&mut self) -> (&mut [u8], &Work) {
-        if self.stage.work.is_whole() {
-            let MotionStage { next, work, raster, .. } = &mut *self.stage;
-            next.resize(raster.len(), 0);
-            return (next, work);
-        }
-        self.stage.keep_worked();
-        (&mut self.stage.picture, &self.stage.work)
     }
 }
 

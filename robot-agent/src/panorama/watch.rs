@@ -3,8 +3,8 @@
 //! Each cell of the panorama (see [`Work`]) has blocks of 128 pixels of the picture, taken from every second to fourth row of what
 //! the cell shows. Their sum of absolute differences to the picture that the cell was last drawn from is, where nothing changed,
 //! the camera's noise, which is learnt block by block: it scatters by 7 %, so a threshold 28 % above it is passed by one block in
-//! 10⁵ by chance. It sees half a block that is 1.3 standard deviations of the noise brighter or darker than it was; the change stage
-//! needs 4 of them somewhere in each body. What changes slowly is seen when it has changed as much, since the reference stays.
+//! 10⁵ by chance. It sees a block that is 1.2, and half a block that is 1.6 standard deviations of the noise brighter or darker than it was; the
+//! change stage needs 4 of them somewhere in each body. What changes slowly is seen when it has changed as much, since the reference stays.
 
 use std::ops::Range;
 
@@ -145,17 +145,15 @@ impl Watch {
         }
     }
 
-    /// Learns what to expect while all is drawn. Where somebody walks too little is expected later rather than too much: the middle
-    /// of all blocks is a measure.
+    /// Learns what to expect in the first frames, in which all is drawn: each block its own noise, but, since somebody may walk
+    /// there, not far more than the middle one's.
     fn learn(&mut self, source: &[u8]) {
-        if self.frames > 0 {
+        if (1..LEARNING_FRAMES).contains(&self.frames) {
             kernel::differences(source, &self.places, &self.reference, &mut self.sums);
-            if self.frames < LEARNING_FRAMES {
-                let mut sorted = self.sums.clone();
-                let middle = sorted.len() / 2;
-                if middle < sorted.len() {
-                    self.most_expected = (*sorted.select_nth_unstable(middle).1).saturating_mul(MOST_NOISY);
-                }
+            let mut sorted = self.sums.clone();
+            let middle = sorted.len() / 2;
+            if middle < sorted.len() {
+                self.most_expected = (*sorted.select_nth_unstable(middle).1).saturating_mul(MOST_NOISY);
             }
             let (most, first) = (self.most_expected, self.frames == 1);
             for (sum, expected) in self.sums.iter().zip(&mut self.expected) {
