@@ -170,7 +170,7 @@ impl Watch {
 
 fn has_changed(sum: u16, expected: u16) -> bool {
     let expected = u32::from(expected);
-    u32::from(sum) > expected + (expected * MORE_Q8 >> 8) + ROUNDING
+    u32::from(sum) > expected + ((expected * MORE_Q8) >> 8) + ROUNDING
 }
 
 /// The expected difference follows the measured one; what is far above it counts for little.
