@@ -14,6 +14,7 @@
 
 mod background;
 mod bodies;
+mod drawing;
 mod filter;
 mod floor;
 mod gain;
@@ -22,23 +23,29 @@ mod ghost;
 mod halo;
 mod holes;
 pub mod kernel;
+mod marking;
 mod marks;
 mod own_motion;
 mod raster;
 mod regions;
 mod sensor;
 mod shadow;
+mod work;
 
 use std::ops::Range;
 
 use protocol::message::{AlarmKind, Motion};
 use protocol::time::Timestamp;
 
+use background::Learnt;
 pub use background::{Background, BackgroundMode, LearningRate};
+pub use drawing::Drawing;
 pub use gate::{region_moves, scene_changed};
 pub use raster::{Arc, Raster};
 pub(crate) use regions::Run;
 pub use regions::{MAX_RUNS, Region, group};
+pub use work::Work;
+pub(crate) use work::{COLUMNS as CELL_COLUMNS, ROWS as CELL_ROWS};
 
 use filter::Majority;
 use halo::Halo;
@@ -46,6 +53,7 @@ use marks::Marks;
 use own_motion::{Anchor, OwnMotion};
 use regions::Grouping;
 use shadow::Shadow;
+use work::Learning;
 
 /// Most objects of one frame; the smallest are left out.
 pub const MAX_OBJECTS: usize = 128;
@@ -98,6 +106,8 @@ pub struct MotionSettings {
     pub upright_row: Option<usize>,
     /// Whether the camera is on a robot that may drive. Off for a fixed camera.
     pub own_motion: bool,
+    /// Whether cells of the picture that show what they showed before may be left out (see [`Work`]).
+    pub rests: bool,
 }
 
 impl Default for MotionSettings {
@@ -113,6 +123,7 @@ impl Default for MotionSettings {
             max_gap_share: 0.12,
             upright_row: None,
             own_motion: true,
+            rests: true,
         }
     }
 }
@@ -247,6 +258,11 @@ pub struct MotionStage {
     light: gain::Light,
     sensor_failed: bool,
     frozen: sensor::Frozen,
+    work: Work,
+    /// Whether the picture that comes was drawn over the last one, of which `next` keeps what it was drawn over.
+    drawn_in_place: bool,
+    /// Frames since the background was begun.
+    ready_frames: u32,
 }
 
 impl MotionStage {
@@ -272,8 +288,8 @@ impl MotionStage {
             valid_marks: Marks::of_bytes(&valid, raster),
             partly_valid: valid.chunks(halo::CELL * raster.width).map(|band| band.contains(&0)).collect(),
             background: match settings.upright_row {
-                Some(_) => Background::new(settings.background, n).indoors(),
-                None => Background::new(settings.background, n),
+                Some(_) => Background::new(settings.background, raster).indoors(),
+                None => Background::new(settings.background, raster),
             },
             own_motion: OwnMotion::new(raster, valid.clone()),
             majority: Majority::new(raster, settings.window_reach.map(|r| r.clamp(1, 5)), &valid),
@@ -313,6 +329,9 @@ impl MotionStage {
             light: gain::Light::default(),
             sensor_failed: false,
             frozen: sensor::Frozen::default(),
+            work: Work::new(raster),
+            drawn_in_place: false,
+            ready_frames: 0,
             settings,
         })
     }
@@ -331,6 +350,11 @@ impl MotionStage {
 
     /// Where the next picture may be drawn, row by row; taken by [`MotionStage::change_drawn`]. All of it must be drawn each time.
     pub fn next_picture(&mut self) -> &mut [u8] {
+        self.work.plan_all();
+        self.next_buffer()
+    }
+
+    fn next_buffer(&mut self) -> &mut [u8] {
         self.next.resize(self.raster.len(), 0);
         &mut self.next
     }
@@ -342,9 +366,18 @@ impl MotionStage {
 
     /// As [`MotionStage::change`], of what was drawn into [`MotionStage::next_picture`].
     pub fn change_drawn(&mut self, capture: Timestamp) -> Change {
-        self.next_picture();
+        self.next_buffer();
+        let in_place = std::mem::take(&mut self.drawn_in_place);
+        if !in_place && !self.work.is_whole() {
+            // Nobody drew anything.
+            self.next.copy_from_slice(&self.picture);
+            self.work.work_all();
+        }
         self.objects.clear();
-        if let Some(failure) = sensor::failure(&self.next, &self.valid) {
+        if let Some(failure) = sensor::failure(if in_place { &self.picture } else { &self.next }, &self.valid) {
+            if in_place {
+                self.next.copy_from_slice(&self.picture);
+            }
             let alarm = (!self.sensor_failed).then(|| AlarmKind::SensorFailure(failure.to_owned()));
             self.sensor_failed = true;
             self.state = BackgroundState::Suspended;
@@ -357,15 +390,15 @@ impl MotionStage {
             return Change { motion: self.motion, background: self.state, alarm };
         }
         self.sensor_failed = false;
-        self.take(capture);
-        let frozen = self.frozen.look(&self.picture, &self.before, capture);
+        self.take(capture, in_place);
+        let frozen = self.frozen.look(self.is_same_picture(), capture);
         let frozen = frozen.map(|why| AlarmKind::SensorFailure(why.to_owned()));
 
         let before = self.motion;
         self.motion = if self.settings.own_motion {
-            let Self { own_motion, before, picture, background, first, state, noise_sigma, .. } = self;
+            let Self { own_motion, before, picture, background, first, state, noise_sigma, work, .. } = self;
             let anchor = anchor(*state, background, first);
-            own_motion.step(picture, before, anchor, *noise_sigma, capture)
+            own_motion.step(picture, before, anchor, *noise_sigma, work.is_quiet(), capture)
         } else {
             Motion::Standing
         };
@@ -382,6 +415,7 @@ impl MotionStage {
             alarm = self.build(capture);
         } else {
             let differing = self.mark();
+            self.ready_frames = self.ready_frames.saturating_add(1);
             if scene_changed(self.valid_count, differing) {
                 let anchor = anchor(self.state, &self.background, &self.first);
                 let relit = self.own_motion.is_relit(&self.picture, anchor, self.noise_sigma);
@@ -405,6 +439,7 @@ impl MotionStage {
         let Background { level, noise, .. } = &self.background;
         self.shadow.remove(&self.picture, level, noise, self.gain, &mut self.faint);
         self.majority.apply(&self.faint, &mut self.solid);
+        self.work.note_marks(&self.solid);
         let mut regions = self.group_bodies();
         // Where people are known by their silhouettes those judge what is whole.
         let whole = self.settings.upright_row.is_none();
@@ -434,6 +469,9 @@ impl MotionStage {
             let steps = ghost::outline_steps(&region, &self.picture, &self.background.level, &self.raster);
             self.objects.push(Object { moves, ghost: steps.is_ghost(), region });
         }
+        for object in &self.objects {
+            self.work.note_patch(&Patch { arc: object.region.arc, rows: object.region.rows });
+        }
         self.remove_ghosts();
         self.draw_objects();
     }
@@ -459,13 +497,63 @@ impl MotionStage {
         let turns = ((0.1 / self.spacing_s).round() as usize).clamp(1, MAX_TURNS);
         let turn = self.learnt % turns;
         let rows = self.raster.height * turn / turns..self.raster.height * (turn + 1) / turns;
-        let pixels = rows.start * self.raster.width..rows.end * self.raster.width;
-        self.mark_permissions(holds, rows);
+        self.mark_permissions(holds, rows.clone());
+        for patch in holds.keep.iter().chain(&holds.release) {
+            self.work.note_patch(patch);
+        }
         let rate = LearningRate::for_spacing(self.settings.rate_shift, self.spacing_s * turns as f64);
-        // Nearly all of the gain is the exposure's; the rest lets the background follow a light that stays.
-        let exposure_q15 = gain::inverse_q15(1.0 + 0.95 * (self.gain - 1.0));
-        self.background.learn(&self.picture, exposure_q15, &self.how, pixels, self.learnt / turns, rate);
+        // Half of them a round are counted, for the processor's sake.
+        let round = self.learnt / turns;
+        let middle = usize::midpoint(rows.start, rows.end);
+        let counted = if round.is_multiple_of(2) { rows.start..middle } else { middle..rows.end };
+        let exposure_q15 = self.learnt_exposure_q15();
+        let Self { background, picture, how, work, .. } = self;
+        let seen = Learnt { picture, exposure_q15, how };
+        for (band, lines) in work.bands() {
+            let lines = lines.start.max(rows.start)..lines.end.min(rows.end);
+            for run in work.learnt(band, Learning::InTurn).filter(|_| !lines.is_empty()) {
+                for y in lines.clone() {
+                    background.fetch(y + FETCH_ROWS, &run);
+                    background.fetch_seen(y + FETCH_ROWS, &run);
+                    background.learn(seen, y, &run, rate);
+                    if counted.contains(&y) {
+                        background.count(seen, y, &run, round, 1);
+                    }
+                }
+            }
+        }
+        self.learn_visited(turns);
         self.learnt = self.learnt.wrapping_add(1);
+    }
+
+    /// Learns where nothing was and it is a cell's turn.
+    fn learn_visited(&mut self, turns: usize) {
+        if self.work.is_whole() {
+            return;
+        }
+        let width = self.raster.width;
+        let exposure_q15 = self.learnt_exposure_q15();
+        let rate = LearningRate::for_visits(self.settings.rate_shift, self.spacing_s * self.work.rest() as f64);
+        // In pairs of turns, as all counts.
+        let weight = (self.work.rest() as f64 / (2 * turns) as f64).round().clamp(1.0, 16.0) as u8;
+        let Self { background, picture, how, work, .. } = self;
+        for (band, rows) in work.bands() {
+            for run in work.learnt(band, Learning::ForAll) {
+                for y in rows.clone() {
+                    how[y * width + run.columns.start..y * width + run.columns.end].fill(kernel::LEARN);
+                    let seen = Learnt { picture, exposure_q15, how };
+                    background.fetch(y + FETCH_ROWS, &run);
+                    background.fetch_seen(y + FETCH_ROWS, &run);
+                    background.learn(seen, y, &run, rate);
+                    background.count(seen, y, &run, 0, weight);
+                }
+            }
+        }
+    }
+
+    /// Nearly all of the gain is the exposure's; the rest lets the background follow a light that stays.
+    fn learnt_exposure_q15(&self) -> u16 {
+        gain::inverse_q15(1.0 + 0.95 * (self.gain - 1.0))
     }
 
     /// How each pixel of some rows is learnt.
@@ -515,7 +603,7 @@ impl MotionStage {
         }
         self.next_picture().copy_from_slice(picture);
         self.sensor_failed = false;
-        self.take(capture);
+        self.take(capture, false);
         (self.state, self.motion) = (BackgroundState::Ready, Motion::Standing);
         self.magnitude.fill(0);
         self.objects.clear();
@@ -569,7 +657,7 @@ impl MotionStage {
 
     /// Takes the picture drawn; keeps the one before and the one that (6-1) compares with: at least `GATE_SPACING_S` old, so that a
     /// fast camera sees slow things move. Buffers change places, no picture is copied.
-    fn take(&mut self, capture: Timestamp) {
+    fn take(&mut self, capture: Timestamp, in_place: bool) {
         let spacing_s = capture.seconds_since(self.capture);
         if self.first_capture.is_none() {
             self.first_capture = Some(capture);
@@ -586,10 +674,14 @@ impl MotionStage {
                 std::mem::swap(&mut self.previous, &mut self.before);
                 self.previous_is_before = false;
             }
-            std::mem::swap(&mut self.picture, &mut self.before);
+            if !in_place {
+                std::mem::swap(&mut self.picture, &mut self.before);
+            }
         }
         self.capture = capture;
-        std::mem::swap(&mut self.picture, &mut self.next);
+        // Drawn in place, what was there before was kept in the other.
+        let other = if in_place { &mut self.before } else { &mut self.picture };
+        std::mem::swap(other, &mut self.next);
     }
 
     fn decisecond(&self) -> u32 {
@@ -609,6 +701,7 @@ impl MotionStage {
     fn begin(&mut self) {
         self.suspend();
         self.shadow.restart();
+        self.ready_frames = 0;
         self.state = BackgroundState::Building;
         // Until there is a background, the first frame is what the robot must not leave.
         self.first.extend_from_slice(&self.picture);
@@ -632,32 +725,12 @@ impl MotionStage {
             self.background.relight(self.gain);
             self.gain = 1.0;
         }
-        let Background { level, noise, .. } = &self.background;
         let exposure_q15 = gain::inverse_q15(self.gain);
-        let (width, stride) = (self.raster.width, self.faint.stride());
         let mut differing = 0;
+        self.wipe_left();
         for band in 0..self.raster.height.div_ceil(halo::CELL) {
-            let most = self.halo.band();
-            for y in band * halo::CELL..((band + 1) * halo::CELL).min(self.raster.height) {
-                let (pixels, words) = (y * width..(y + 1) * width, y * stride..(y + 1) * stride);
-                let row = kernel::Compared {
-                    picture: &self.picture[pixels.clone()],
-                    exposure_q15,
-                    background: &level[pixels.clone()],
-                    noise: &noise[pixels.clone()],
-                    floors: [faint, strong],
-                };
-                let faint = &mut self.faint.words_mut()[words.clone()];
-                let strong = &mut self.strong.words_mut()[words];
-                kernel::mark_changes(row, &mut self.magnitude[pixels.clone()], most, faint, strong);
-                if self.partly_valid[band] {
-                    for ((f, s), v) in faint.iter_mut().zip(strong.iter_mut()).zip(self.valid_marks.row(y)) {
-                        (*f, *s) = (*f & v, *s & v);
-                    }
-                }
-                self.background.forgive_known(&self.picture, exposure_q15, pixels.start, width, faint, strong);
-                differing += strong.iter().map(|s| s.count_ones() as usize).sum::<usize>();
-            }
+            self.halo.band();
+            differing += self.mark_band(band, exposure_q15, [faint, strong]);
             self.halo.note(band);
         }
         if self.learnt.is_multiple_of(NOISE_FRAMES) {
@@ -765,6 +838,8 @@ const MARGIN: usize = 3;
 const GATE_SPACING_S: f64 = 0.1;
 /// A still region that nobody follows is learnt after so many tenths of a second.
 const STILL_DS: u32 = 20;
+/// Rows ahead of which pixels are fetched: where a row is worked here and there, it is not read in one piece.
+const FETCH_ROWS: usize = 2;
 /// Frames in which a region must look like a ghost before it is one.
 const GHOST_FRAMES: u32 = 2;
 const FOLLOWED_GHOST_FRAMES: u32 = 10;

@@ -18,6 +18,7 @@ mod gaze;
 mod kernel;
 mod lut;
 mod radial;
+mod watch;
 
 use std::f64::consts::{PI, TAU};
 
@@ -28,6 +29,7 @@ use crate::optics::MountedCamera;
 pub use gaze::GazeWindow;
 pub use lut::{Lut, LutEntry, UnwarpError};
 pub use radial::RadialPanorama;
+pub use watch::Watch;
 
 /// How rows are spaced in elevation.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

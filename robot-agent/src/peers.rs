@@ -191,14 +191,20 @@ impl PeerDetector {
         self.find(raw, Some(panorama), &[])
     }
 
+    /// Whether [`PeerDetector::follow`] will search the whole circle of the next frame, in any case.
+    pub fn will_search(&self) -> bool {
+        self.frames.is_multiple_of(SEARCH_EVERY)
+            || !self.known.iter().any(|k| self.frames - k.last_seen <= FORGET_AFTER)
+    }
+
     /// Like [`PeerDetector::detect`] for a stream: known peers are measured in each frame, the whole circle is searched
     /// every fifth frame, and once when a known peer is lost.
     pub fn follow(&mut self, raw: &[u8], panorama: &[u8]) -> Vec<Peer> {
+        let search = self.will_search();
         let frame = self.frames;
         self.frames += 1;
         self.known.retain(|k| frame - k.last_seen <= FORGET_AFTER);
         let known: Vec<(f64, f64)> = self.known.iter().map(|k| (k.bearing_rad, k.range_m)).collect();
-        let search = frame.is_multiple_of(SEARCH_EVERY) || known.is_empty();
         let mut peers = self.find(raw, search.then_some(panorama), &known);
         let expected = self.known.iter().filter(|k| frame - k.last_seen <= 1).count();
         if !search && peers.len() < expected {

@@ -12,7 +12,7 @@ use std::time::Instant;
 
 use protocol::time::Timestamp;
 use robot_agent::motion::{BackgroundState, MotionSettings, MotionStage, Raster};
-use robot_agent::panorama::{PanoramaGeometry, Projection};
+use robot_agent::panorama::{PanoramaGeometry, Projection, Watch};
 use robot_agent::picture::Gallery;
 use robot_agent::tracking::{Tracker, TrackerSettings, View};
 use serde::Serialize;
@@ -114,6 +114,7 @@ pub fn run(frames: &Frames, warm: usize) -> Result<Report, BenchError> {
     let valid: Vec<u8> = frames.lut.valid().iter().map(|&v| u8::from(v)).collect();
     let mut motion = MotionStage::new(raster, Some(&valid), MotionSettings::default()).map_err(|e| agent(&e))?;
     let mut tracker = Tracker::new(raster, View::uncalibrated(geometry), TrackerSettings::default());
+    let mut watch = Watch::new(&frames.lut);
     let mut gallery = Gallery::new(raster);
     let mut panorama = vec![0u8; raster.len()];
 
@@ -131,7 +132,7 @@ pub fn run(frames: &Frames, warm: usize) -> Result<Report, BenchError> {
             lap[stage] = (now - last).as_secs_f64() * 1e6;
             last = now;
         };
-        frames.lut.unwarp(picture, motion.next_picture()).map_err(|e| agent(&e))?;
+        watch.unwarp(&frames.lut, picture, motion.next_drawing(false)).map_err(|e| agent(&e))?;
         done(0);
         let change = motion.change_drawn(capture);
         done(1);
@@ -176,7 +177,7 @@ pub fn run(frames: &Frames, warm: usize) -> Result<Report, BenchError> {
         tracks_mean: published as f64 / n as f64,
         track_ids: ids.len(),
         median_of_30_us: median_of_30(frames, &mut panorama).map_err(|e| agent(&e))?,
-        memory_bytes: motion.memory_bytes() + frames.lut.memory_bytes(),
+        memory_bytes: motion.memory_bytes() + frames.lut.memory_bytes() + watch.memory_bytes(),
     })
 }
 

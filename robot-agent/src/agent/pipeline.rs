@@ -14,7 +14,7 @@ use protocol::message::{AlarmKind, Motion, PeerSighting, Stages, TrackObservatio
 use super::{AgentError, AgentSettings, Frame, PictureKind, Progress};
 use crate::motion::{BackgroundState, MotionStage, Raster};
 use crate::optics::MountedCamera;
-use crate::panorama::{Lut, PanoramaGeometry};
+use crate::panorama::{Lut, PanoramaGeometry, Watch};
 use crate::peers::{Grid, Peer, PeerDetector};
 use crate::picture::{self, Gallery};
 use crate::tracking::{Expected, PeerBearing, Tracker, View};
@@ -28,6 +28,7 @@ pub struct Pipeline {
     camera: MountedCamera,
     geometry: PanoramaGeometry,
     lut: Lut,
+    watch: Watch,
     motion: MotionStage,
     tracker: Tracker,
     markers: Vec<(Option<RobotId>, Marker)>,
@@ -109,6 +110,7 @@ impl Pipeline {
             peer_bearings: Vec::new(),
             peers: 0,
             background: BackgroundState::Suspended,
+            watch: Watch::new(&lut),
             lut,
             geometry,
             camera,
@@ -183,7 +185,8 @@ impl Pipeline {
 
     fn unwarp(&mut self, frame: &Frame) {
         // The sizes were checked when the frame came in; a table that disagrees leaves an old panorama.
-        if let Err(error) = self.lut.unwarp(&frame.gray, self.motion.next_picture()) {
+        let whole = self.peer_detector.as_ref().is_some_and(PeerDetector::will_search);
+        if let Err(error) = self.watch.unwarp(&self.lut, &frame.gray, self.motion.next_drawing(whole)) {
             debug_assert!(false, "{error}");
         }
     }

@@ -15,12 +15,12 @@
 //! The noise estimate is a running mean of |C − B| outside objects, so thresholds follow the camera, its gain, flickering
 //! lamps and vibrating edges, pixel by pixel.
 
-use std::ops::Range;
-
 use protocol::time::Timestamp;
 
 use super::kernel;
 use super::marks::WORD;
+use super::raster::Raster;
+use super::work::Run;
 
 /// How a background comes about.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -48,6 +48,9 @@ const LIVE_FRAMES: usize = 9;
 #[derive(Debug)]
 pub struct Background {
     mode: BackgroundMode,
+    width: usize,
+    /// Words of a row of `known`.
+    stride: usize,
     /// Background grey level.
     pub(super) level: Vec<u16>,
     /// Mean absolute deviation of the picture from `level` where nothing moves.
@@ -58,7 +61,7 @@ pub struct Background {
     second: Vec<u16>,
     seen: Vec<u8>,
     seen_second: Vec<u8>,
-    /// Marked where the second look was the background before, 64 pixels a word.
+    /// Marked where the second look was the background before, as [`super::marks::Marks`] are.
     known: Vec<u64>,
     /// Whether any second look may be known.
     any_known: bool,
@@ -71,18 +74,23 @@ pub struct Background {
 }
 
 impl Background {
-    /// Nothing known yet, for pictures of `len` pixels.
-    pub fn new(mode: BackgroundMode, len: usize) -> Self {
-        let looks = if matches!(mode, BackgroundMode::Live { .. }) { len } else { 0 };
+    /// Nothing known yet, for pictures of one size.
+    pub fn new(mode: BackgroundMode, raster: Raster) -> Self {
+        let len = raster.len();
+        let stride = raster.width.div_ceil(WORD);
+        let [looks, words] =
+            if matches!(mode, BackgroundMode::Live { .. }) { [len, stride * raster.height] } else { [0, 0] };
         Self {
             mode,
+            width: raster.width,
+            stride,
             level: vec![0; len],
             noise: vec![0; len],
             most_noise: kernel::NOISE_MAX,
             second: vec![0; looks],
             seen: vec![0; looks],
             seen_second: vec![0; looks],
-            known: vec![0; looks.div_ceil(LOOKS)],
+            known: vec![0; words],
             any_known: false,
             stack: Vec::new(),
             arrived: 0,
@@ -186,43 +194,56 @@ impl Background {
         self.ready = true;
     }
 
-    /// The running average outside objects of some pixels; nothing in permanent mode. `how`: see [`kernel::learn`]; `round`
+    /// Fetches some pixels of a row into the cache, as far as it is one.
+    pub(super) fn fetch(&self, y: usize, run: &Run) {
+        let pixels = y * self.width + run.columns.start..y * self.width + run.columns.end;
+        for levels in [&self.level, &self.noise] {
+            if let Some(levels) = levels.get(pixels.clone()) {
+                kernel::fetch(levels);
+            }
+        }
+    }
+
+    /// The same of how often looks were seen.
+    pub(super) fn fetch_seen(&self, y: usize, run: &Run) {
+        if let Some(seen) = self.seen.get(y * self.width + run.columns.start..y * self.width + run.columns.end) {
+            kernel::fetch(seen);
+        }
+    }
+
+    /// The running average outside objects of some pixels of a row; nothing in permanent mode. `picture` and `how` (see
+    /// [`kernel::learn`]) are whole pictures.
+    pub(super) fn learn(&mut self, seen: Learnt<'_>, y: usize, run: &Run, rate: LearningRate) {
+        if !self.ready || matches!(self.mode, BackgroundMode::Permanent { .. }) {
+            return;
+        }
+        let LearningRate { shift, small_step } = rate;
+        let pixels = y * self.width + run.columns.start..y * self.width + run.columns.end;
+        let (level, noise) = (&mut self.level[pixels.clone()], &mut self.noise[pixels.clone()]);
+        let (picture, how) = (&seen.picture[pixels.clone()], &seen.how[pixels]);
+        kernel::learn(picture, seen.exposure_q15, how, shift, shift + 1, small_step, self.most_noise, level, noise);
+    }
+
+    /// Counts which of its looks some pixels of a row show, for `weight` pairs of frames; nothing but in the live mode. `round`
     /// counts how often all pixels had their turn.
-    pub fn learn(
-        &mut self,
-        picture: &[u8],
-        exposure_q15: u16,
-        how: &[u8],
-        pixels: Range<usize>,
-        round: usize,
-        rate: LearningRate,
-    ) {
-        if self.ready && !matches!(self.mode, BackgroundMode::Permanent { .. }) {
-            let LearningRate { shift, small_step } = rate;
-            let (level, noise) = (&mut self.level[pixels.clone()], &mut self.noise[pixels.clone()]);
-            let (picture, how) = (&picture[pixels.clone()], &how[pixels.clone()]);
-            kernel::learn(picture, exposure_q15, how, shift, shift + 1, small_step, self.most_noise, level, noise);
+    pub(super) fn count(&mut self, seen: Learnt<'_>, y: usize, run: &Run, round: usize, weight: u8) {
+        if !self.ready || self.second.is_empty() {
+            return;
         }
-        if self.ready && !self.second.is_empty() {
-            // Half of them a round, for the processor's sake. Where somebody is followed time goes slower: whoever
-            // stops stays an object, a ghost that is taken for somebody still goes.
-            let also_kept = (round / 2).is_multiple_of(KEPT_SLOWNESS);
-            let counting = kernel::Counting { also_kept, most: MOST_SEEN, lead: LEAD };
-            // In whole words of marks; the last may reach a few pixels into what has its turn later.
-            let (first, end) = (pixels.start.div_ceil(LOOKS), pixels.end.div_ceil(LOOKS));
-            let middle = usize::midpoint(first, end);
-            let words = if round.is_multiple_of(2) { first..middle } else { middle..end };
-            let half = words.start * LOOKS..(words.end * LOOKS).min(picture.len());
-            let mut looks = kernel::Looks {
-                level: &mut self.level[half.clone()],
-                second: &mut self.second[half.clone()],
-                seen: &mut self.seen[half.clone()],
-                seen_second: &mut self.seen_second[half.clone()],
-                known: &mut self.known[words],
-            };
-            let (picture, how, noise) = (&picture[half.clone()], &how[half.clone()], &self.noise[half]);
-            self.any_known |= kernel::count_looks(picture, exposure_q15, how, noise, counting, &mut looks);
-        }
+        // Where somebody is followed time goes slower: whoever stops stays an object, a ghost that is taken for somebody still goes.
+        let also_kept = (round / 2).is_multiple_of(KEPT_SLOWNESS);
+        let counting = kernel::Counting { also_kept, most: MOST_SEEN, lead: LEAD, weight };
+        let pixels = y * self.width + run.columns.start..y * self.width + run.columns.end;
+        let mut looks = kernel::Looks {
+            level: &mut self.level[pixels.clone()],
+            second: &mut self.second[pixels.clone()],
+            seen: &mut self.seen[pixels.clone()],
+            seen_second: &mut self.seen_second[pixels.clone()],
+            known: &mut self.known[y * self.stride + run.words.start..y * self.stride + run.words.end],
+        };
+        let (picture, how) = (&seen.picture[pixels.clone()], &seen.how[pixels.clone()]);
+        self.any_known |=
+            kernel::count_looks(picture, seen.exposure_q15, how, &self.noise[pixels], counting, &mut looks);
     }
 
     /// The light has changed by a factor, and stays so: all looks are as bright as that.
@@ -238,34 +259,32 @@ impl Background {
         }
     }
 
-    /// Takes away the marks of a row, which begins with pixel `first`, where the picture shows what was the background before.
+    /// Takes away the marks of a run of row `y` where the picture, of which `picture` is that run, shows what was the background
+    /// before.
     pub(super) fn forgive_known(
         &self,
         picture: &[u8],
         exposure_q15: u16,
-        first: usize,
-        width: usize,
+        y: usize,
+        run: &Run,
         faint: &mut [u64],
         strong: &mut [u64],
     ) {
-        let row = first / LOOKS..(first + width).div_ceil(LOOKS);
-        if !self.any_known || self.known[row].iter().fold(0, |any, known| any | known) == 0 {
+        if !self.any_known {
             return;
         }
-        for (w, (faint, strong)) in faint.iter_mut().zip(strong).enumerate() {
-            let start = first + w * WORD;
-            let (word, bit) = (start / LOOKS, start % LOOKS);
-            let mut known = self.known[word] >> bit;
-            if bit > 0 {
-                known |= self.known.get(word + 1).map_or(0, |next| next << (LOOKS - bit));
-            }
+        let known = &self.known[y * self.stride + run.words.start..y * self.stride + run.words.end];
+        for (w, ((faint, strong), known)) in faint.iter_mut().zip(strong).zip(known).enumerate() {
             // A few marks among known pixels are noise.
-            if (known & *faint).count_ones() < FEW_KNOWN {
+            let marked = known & *faint;
+            if marked == 0 || marked.count_ones() < FEW_KNOWN {
                 continue;
             }
-            let pixels = start..(start + WORD).min(first + width);
-            let layers = kernel::Layers { second: &self.second[pixels.clone()], known };
-            let forgiven = kernel::known_look(&picture[pixels.clone()], exposure_q15, &self.noise[pixels], layers);
+            let here = w * WORD..((w + 1) * WORD).min(picture.len());
+            let first = y * self.width + run.columns.start;
+            let pixels = first + here.start..first + here.end;
+            let layers = kernel::Layers { second: &self.second[pixels.clone()], known: *known };
+            let forgiven = kernel::known_look(&picture[here], exposure_q15, &self.noise[pixels], layers);
             *faint &= !forgiven;
             *strong &= !forgiven;
         }
@@ -275,14 +294,15 @@ impl Background {
     /// for its ghost was a shadow then, and goes again.
     pub(super) fn absorb(&mut self, i: usize, gray: u8) {
         if let Some(seen) = self.seen.get_mut(i) {
-            let known = 1 << (i % LOOKS);
+            let (column, word) = (i % self.width, i / self.width * self.stride + i % self.width / WORD);
+            let known = 1 << (column % WORD);
             if *seen >= LONG_SEEN {
                 (self.second[i], self.seen_second[i]) = (self.level[i], LONG_SEEN);
-                self.known[i / LOOKS] |= known;
+                self.known[word] |= known;
                 self.any_known = true;
             } else {
                 self.seen_second[i] = 0;
-                self.known[i / LOOKS] &= !known;
+                self.known[word] &= !known;
             }
             *seen = (*seen).max(GHOST_SEEN);
         }
@@ -290,8 +310,6 @@ impl Background {
     }
 }
 
-/// Pixels of a word of `known`.
-const LOOKS: usize = 64;
 /// Marks of a word among known pixels that are noise.
 const FEW_KNOWN: u32 = 6;
 /// What a bootstrap counts for, in pairs of frames as all counts here: something else that stays for a second replaces it.
@@ -307,6 +325,17 @@ const LEAD: u8 = 2;
 
 /// Pairs count once in so many where somebody is followed.
 const KEPT_SLOWNESS: usize = 3;
+
+/// What a background learns from.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Learnt<'a> {
+    /// Grey levels.
+    pub(super) picture: &'a [u8],
+    /// Factor that brings the picture to the background's exposure; 32768 is 1.
+    pub(super) exposure_q15: u16,
+    /// How each pixel is learnt.
+    pub(super) how: &'a [u8],
+}
 
 /// How fast a background follows, a frame.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -325,6 +354,17 @@ impl LearningRate {
         Self { shift, small_step: (120.0 * spacing_s).round().clamp(1.0, 64.0) as u8 }
     }
 }
+
+impl LearningRate {
+    /// Where a cell is visited now and then: not so fast that the background takes over the noise of single frames.
+    pub(super) fn for_visits(shift_at_10_hz: u32, spacing_s: f64) -> Self {
+        let rate = Self::for_spacing(shift_at_10_hz, spacing_s);
+        Self { shift: rate.shift.max(VISIT_SHIFT.min(shift_at_10_hz)), ..rate }
+    }
+}
+
+/// An eighth of each visit.
+const VISIT_SHIFT: u32 = 3;
 
 /// Mean absolute deviation over the quieter 80 % of the pixels, made up for those left out being the louder ones.
 fn mean_of_typical_pixels(deviations: &[Vec<u8>]) -> f32 {
@@ -346,6 +386,10 @@ mod tests {
     use super::*;
     use crate::motion::golden;
 
+    fn row_of(width: usize) -> Raster {
+        Raster { width, height: 1, wraps: false }
+    }
+
     fn at(s: f64) -> Timestamp {
         Timestamp::from_secs_f64(s)
     }
@@ -360,7 +404,8 @@ mod tests {
             if values.len() < 2 {
                 continue;
             }
-            let mut background = Background::new(BackgroundMode::Permanent { frames: values.len(), every: 1 }, 3);
+            let mut background =
+                Background::new(BackgroundMode::Permanent { frames: values.len(), every: 1 }, row_of(3));
             let mut ready = false;
             for (i, v) in values.iter().enumerate() {
                 assert!(!ready);
@@ -374,11 +419,11 @@ mod tests {
     #[test]
     fn the_running_average_follows_the_golden_steps_in_fixed_point() {
         let golden = golden("bg_update");
-        let mut background = Background::new(BackgroundMode::Instantaneous, 2);
+        let mut background = Background::new(BackgroundMode::Instantaneous, row_of(2));
         background.collect(&[100, 100], at(0.0));
         for want in golden["outputs"].as_array().unwrap() {
-            let how = [kernel::LEARN, kernel::KEEP];
-            background.learn(&[140, 140], 32768, &how, 0..2, 0, LearningRate::for_spacing(4, 0.1));
+            let seen = Learnt { picture: &[140, 140], exposure_q15: 32768, how: &[kernel::LEARN, kernel::KEEP] };
+            background.learn(seen, 0, &Run { words: 0..1, columns: 0..2 }, LearningRate::for_spacing(4, 0.1));
             assert_eq!(u64::from(background.level[0]), want.as_u64().unwrap());
             assert_eq!(background.level[1], 25600, "object pixels are not learnt");
         }
@@ -386,7 +431,7 @@ mod tests {
 
     #[test]
     fn a_relit_background_is_what_the_camera_sees_in_that_light() {
-        let mut background = Background::new(BackgroundMode::Instantaneous, 3);
+        let mut background = Background::new(BackgroundMode::Instantaneous, row_of(3));
         background.collect(&[40, 100, 240], at(0.0));
         background.relight(0.5);
         assert_eq!(background.levels(), [20, 50, 120]);
@@ -397,7 +442,7 @@ mod tests {
     #[test]
     fn a_live_background_is_there_within_a_second_from_two_frames_a_second_on() {
         for rate_hz in [2.0, 5.0, 10.0, 25.0, 100.0] {
-            let mut background = Background::new(BackgroundMode::Live { bootstrap_s: 0.8 }, 4);
+            let mut background = Background::new(BackgroundMode::Live { bootstrap_s: 0.8 }, row_of(4));
             let mut i = 0;
             while !background.collect(&[9; 4], at(f64::from(i) / rate_hz)) {
                 i += 1;

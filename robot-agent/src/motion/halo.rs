@@ -38,10 +38,14 @@ impl Halo {
         }
     }
 
-    /// The strongest change of each column of a band of [`CELL`] rows so far: to be raised while the band is marked, and then
-    /// noted. As many as there are columns at least.
-    pub(super) fn band(&mut self) -> &mut [u8] {
+    /// Begins a band of [`CELL`] rows.
+    pub(super) fn band(&mut self) {
         self.row.fill(0);
+    }
+
+    /// The strongest change of each column of the band so far: to be raised while it is marked, and then noted. As many as there are
+    /// columns at least.
+    pub(super) fn most(&mut self) -> &mut [u8] {
         &mut self.row
     }
 

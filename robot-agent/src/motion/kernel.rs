@@ -97,6 +97,22 @@ pub fn level() -> &'static str {
     }
 }
 
+/// Bytes of a line of the cache.
+const LINE: usize = 64;
+
+/// Fetches values into the cache: for what will be needed soon, and does not lie in one piece.
+#[inline(always)]
+pub(crate) fn fetch<T>(values: &[T]) {
+    #[cfg(target_arch = "x86_64")]
+    for line in (0..size_of_val(values)).step_by(LINE) {
+        use std::arch::x86_64::{_MM_HINT_T0, _mm_prefetch};
+        // SAFETY: a hint; nothing is read.
+        unsafe { _mm_prefetch::<_MM_HINT_T0>(values.as_ptr().cast::<i8>().wrapping_add(line)) };
+    }
+    #[cfg(not(target_arch = "x86_64"))]
+    let _ = (values, LINE);
+}
+
 /// A grey level in 8.8 fixed point times a factor (32768 is 1), saturating. Exact for a factor of 1.
 #[inline(always)]
 fn expose(level: u8, exposure_q15: u16) -> u16 {
@@ -191,13 +207,20 @@ pub fn largest_of_eights(values: &mut [u8], out: &mut [u8]) {
 wide! {
 /// The first 64 pixels (fewer at the end) of which `values` is at least `least`.
 pub fn at_least(values: &[u8], least: &[u8]) -> u64 {
-    let (values, least) = (padded(values), padded(least));
+    match (values.first_chunk(), least.first_chunk()) {
+        (Some(values), Some(least)) => block_at_least(values, least),
+        _ => block_at_least(&padded(values), &padded(least)),
+    }
+}
+}
+
+#[inline(always)]
+fn block_at_least(values: &[u8; 64], least: &[u8; 64]) -> u64 {
     let mut large = [0u8; 64];
     for i in 0..64 {
         large[i] = if values[i] >= least[i] { u8::MAX } else { 0 };
     }
     bits_of(&large)
-}
 }
 
 wide! {

@@ -32,9 +32,9 @@ pub(super) struct Frozen {
 }
 
 impl Frozen {
-    /// Looks at a picture and the one before; says once that they have long been the same.
-    pub(super) fn look(&mut self, picture: &[u8], before: &[u8], capture: Timestamp) -> Option<&'static str> {
-        if picture != before {
+    /// Whether a picture is the same as the one before; says once that they have long been the same.
+    pub(super) fn look(&mut self, is_same: bool, capture: Timestamp) -> Option<&'static str> {
+        if !is_same {
             *self = Self::default();
             return None;
         }
@@ -63,13 +63,13 @@ mod tests {
         for n in 0..200u64 {
             let before = vec![7u8; 10];
             let picture = if n % 100 == 50 { vec![8; 10] } else { before.clone() };
-            if frozen.look(&picture, &before, Timestamp(n * 100_000_000)).is_some() {
+            if frozen.look(picture == before, Timestamp(n * 100_000_000)).is_some() {
                 said.push(n);
             }
         }
         assert_eq!(said, [20, 71, 171]);
         // Two pictures that are the same are a slow camera's.
         let mut slow = Frozen::default();
-        assert!((0..5u64).all(|n| slow.look(&[1], &[1], Timestamp(n * 10_000_000_000)).is_none()));
+        assert!((0..5u64).all(|n| slow.look(true, Timestamp(n * 10_000_000_000)).is_none()));
     }
 }

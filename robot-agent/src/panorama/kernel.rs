@@ -1,7 +1,9 @@
 //! The loop that unwarps: one bilinear sample a pixel, plain, the oracle of the vectorised `tiles`.
 
+mod blocks;
 mod tiles;
 
+pub(super) use blocks::{Segment, copy, differences};
 pub(super) use tiles::Tiles;
 
 use super::LutEntry;

@@ -3,6 +3,7 @@
 use nalgebra::Vector2;
 
 use super::{GazeWindow, PanoramaGeometry, RadialPanorama, kernel};
+use crate::motion::Work;
 use crate::optics::{MountedCamera, direction};
 
 /// One output pixel: the upper left of its four source pixels and the weights of the right and lower ones in 1/256.
@@ -138,6 +139,11 @@ impl Lut {
     /// # Errors
     /// A source or output of another size than the table's.
     pub fn unwarp(&self, source: &[u8], out: &mut [u8]) -> Result<(), UnwarpError> {
+        self.unwarp_cells(source, None, out)
+    }
+
+    /// The same where the cells of `work` are worked; elsewhere `out` may keep what it holds.
+    pub(super) fn unwarp_cells(&self, source: &[u8], work: Option<&Work>, out: &mut [u8]) -> Result<(), UnwarpError> {
         let [w, h] = self.source_size_px.map(|n| n as usize);
         for (what, got, expected) in [("the source", source.len(), w * h), ("the output", out.len(), self.valid.len())]
         {
@@ -145,7 +151,7 @@ impl Lut {
                 return Err(UnwarpError { what, got, expected });
             }
         }
-        if !self.tiles.as_ref().is_some_and(|tiles| tiles.unwarp(source, out)) {
+        if !self.tiles.as_ref().is_some_and(|tiles| tiles.unwarp(source, work, out)) {
             kernel::unwarp(source, w, &self.entries, self.size_px[0] as usize, out);
         }
         for (start, length) in &self.invalid_runs {

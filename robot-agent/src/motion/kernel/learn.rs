@@ -159,6 +159,8 @@ pub struct Counting {
     pub most: u8,
     /// So much longer must the second look have been seen to become the background.
     pub lead: u8,
+    /// What being seen now counts for.
+    pub weight: u8,
 }
 
 wide! {
@@ -243,8 +245,12 @@ fn count_few(
         let (i, now) = (b * BLOCK + bit, expose(current[bit], exposure_q15));
         let (level, second, count, seen) = (looks.level[i], looks.second[i], looks.seen_second[i], looks.seen[i]);
         let near = count > 0 && now.abs_diff(second) < tolerance(noise[bit]);
-        let renewed = count <= 1 && !near;
-        let count_now = if near { count.saturating_add(1).min(counting.most) } else { count.saturating_sub(1).max(1) };
+        let renewed = count <= counting.weight && !near;
+        let count_now = if near {
+            count.saturating_add(counting.weight).min(counting.most)
+        } else {
+            count.saturating_sub(counting.weight).max(1)
+        };
         let replaced = count_now > seen.saturating_add(counting.lead) || count_now == counting.most;
         let moved = second.wrapping_add(((now.wrapping_sub(second) as i16) >> 3) as u16);
         let second_now = if renewed {
@@ -291,7 +297,7 @@ fn count_background(
     let mut other = [0u8; BLOCK];
     for i in 0..BLOCK {
         let wanted = if how[i] < counted { u8::MAX } else { 0 };
-        seen[i] = seen[i].saturating_add(near[i] & wanted & 1).min(counting.most);
+        seen[i] = seen[i].saturating_add(near[i] & wanted & counting.weight).min(counting.most);
         other[i] = !near[i] & wanted;
     }
     other
@@ -321,7 +327,7 @@ fn count_background_avx2(
         _mm256_cmpeq_epi16(_mm256_subs_epu16(tolerance, difference), zero)
     };
     let kept = _mm256_set1_epi8(if counting.also_kept { -1 } else { KEEP as i8 });
-    let (one, most) = (_mm256_set1_epi8(1), _mm256_set1_epi8(counting.most as i8));
+    let (weight, most) = (_mm256_set1_epi8(counting.weight as i8), _mm256_set1_epi8(counting.most as i8));
     let (noise, level) = (noise.as_chunks::<16>().0, level.as_chunks::<16>().0);
     let mut other = [0; BLOCK];
     let out = seen.as_chunks_mut::<WIDTH>().0.iter_mut().zip(other.as_chunks_mut::<WIDTH>().0);
@@ -333,7 +339,7 @@ fn count_background_avx2(
         let far = in_order(_mm256_packs_epi16(first, second));
         // Where it is not counted the look counts as neither.
         let not_counted = _mm256_cmpeq_epi8(load_bytes(how), kept);
-        let same = _mm256_andnot_si256(_mm256_or_si256(far, not_counted), one);
+        let same = _mm256_andnot_si256(_mm256_or_si256(far, not_counted), weight);
         store_bytes(seen, _mm256_min_epu8(_mm256_adds_epu8(load_bytes(seen), same), most));
         store_bytes(other, _mm256_andnot_si256(not_counted, far));
     }
@@ -365,10 +371,10 @@ fn count_others(
     for i in 0..BLOCK {
         let count = block.seen_second[i];
         near[i] = if count > 0 { near[i] } else { 0 };
-        let down = count.saturating_sub(1);
+        let down = count.saturating_sub(counting.weight);
         renewed[i] = if down == 0 { other[i] & !near[i] } else { 0 };
         let missed = if down == 0 { 1 } else { down };
-        let count_now = if near[i] != 0 { count.saturating_add(1).min(counting.most) } else { missed };
+        let count_now = if near[i] != 0 { count.saturating_add(counting.weight).min(counting.most) } else { missed };
         let seen = block.seen[i];
         let longer = (count_now > seen.saturating_add(counting.lead)) | (count_now == counting.most);
         replaced[i] = if longer { other[i] } else { 0 };

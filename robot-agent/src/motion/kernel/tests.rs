@@ -86,7 +86,7 @@ fn everything(seed: u64) -> Vec<Vec<u64>> {
         seen_second: &mut seen_second,
         known: &mut known,
     };
-    let counting = Counting { also_kept: seed.is_multiple_of(2), most: 8, lead: 2 };
+    let counting = Counting { also_kept: seed.is_multiple_of(2), most: 8, lead: 2, weight: 1 + (seed % 3) as u8 };
     let exchanged = count_looks(&current, exposure_q15, &how, &noise, counting, &mut looks);
     learn(&current, exposure_q15, &how, 4, 5, 12, NOISE_MAX, &mut level, &mut noise);
     let trimmed = at_least(&magnitude, &before[..50]);
@@ -148,7 +148,7 @@ fn looks_are_counted_as_the_rule_says() {
             seen_second: &mut seen_second,
             known: &mut marks,
         };
-        let counting = Counting { also_kept: round % 2 == 0, most: 8, lead: 2 };
+        let counting = Counting { also_kept: round % 2 == 0, most: 8, lead: 2, weight: 1 };
         count_looks(&current, 32768, &how, &noise, counting, &mut looks);
         for i in 0..N {
             let (now, near) = (i32::from(current[i]) << 8, i32::from(noise[i] * 4).max(1024));

@@ -19,10 +19,11 @@ use std::ops::Range;
 use std::sync::{Arc, Mutex};
 
 use super::super::LutEntry;
-use crate::motion::kernel::{Level, available, wide};
+use crate::motion::kernel::{self, Level, available, wide};
+use crate::motion::{CELL_COLUMNS, CELL_ROWS, Work};
 
 /// Columns of a tile.
-const COLUMNS: usize = 64;
+const COLUMNS: usize = CELL_COLUMNS;
 /// Pixels of a tile's copy at most, if it has more than one row: 28 KB.
 const MOST_PIXELS: usize = 14 * 1024;
 /// Pixels that are copied together.
@@ -31,14 +32,14 @@ const BLOCK: usize = 32;
 const COPY_BYTES: usize = 2 * (1 << 16) + 2;
 /// Rows of a tile between which source is fetched.
 const FETCH_ROWS: usize = 4;
-/// Bytes of a line of the cache.
-const LINE: usize = 64;
 
 /// The table in the order of work.
 #[derive(Debug, Clone)]
 pub(crate) struct Tiles {
     tiles: Vec<Tile>,
     spans: Vec<Span>,
+    /// The same by cells.
+    pieces: Vec<Span>,
     /// Places in the tile's copy.
     offsets: Vec<u16>,
     /// fx | fy << 8, those of each sixteen pixels in the order of [`weight_place`].
@@ -58,8 +59,12 @@ pub(crate) struct Tiles {
 struct Tile {
     column: usize,
     rows: Range<usize>,
+    /// Rows of offsets and weights before its own.
+    first: usize,
     /// Of the source, as it is copied.
     spans: Range<usize>,
+    /// What each band of [`CELL_ROWS`] rows needs of them, from the band of its first row on.
+    pieces: Vec<Range<usize>>,
 }
 
 /// Neighbouring pixels of a row of the source.
@@ -67,6 +72,8 @@ struct Tile {
 struct Span {
     start: u32,
     blocks: u32,
+    /// First block in the copy.
+    at: u32,
 }
 
 impl Tiles {
@@ -81,6 +88,7 @@ impl Tiles {
         let mut tiles = Self {
             tiles: Vec::new(),
             spans: Vec::new(),
+            pieces: Vec::new(),
             offsets: Vec::with_capacity(entries.len()),
             weights: Vec::with_capacity(entries.len()),
             rim: Vec::new(),
@@ -139,7 +147,7 @@ impl Tiles {
         if pixels > usize::from(u16::MAX) {
             return None;
         }
-        let spans = self.spans.len();
+        let (spans, first_row) = (self.spans.len(), self.offsets.len() / COLUMNS);
         let mut base = 0;
         // Where a row's pixel 0 would be in the copy.
         let mut bases: BTreeMap<usize, isize> = BTreeMap::new();
@@ -148,23 +156,41 @@ impl Tiles {
             // The last row's span must not run out of the picture.
             let start = span[0].min(self.source_len.checked_sub(stride + length)?);
             bases.insert(source_row, base as isize - start as isize);
-            self.spans.push(Span { start: start as u32, blocks: (length / BLOCK) as u32 });
+            let [start, blocks, at] = [start, length / BLOCK, base / BLOCK].map(|n| n as u32);
+            self.spans.push(Span { start, blocks, at });
             base += length;
         }
+        let mut pieces = Vec::new();
+        // First and last block of each row of the source that a band needs.
+        let mut blocks: BTreeMap<usize, [usize; 2]> = BTreeMap::new();
         for v in first..end {
             let mut weights = [0; COLUMNS];
             for (i, entry) in row(v).iter().enumerate() {
                 let (offset, weight) = place(entry);
                 let base = bases.get(&(offset / stride))?;
-                self.offsets.push(u16::try_from(offset as isize + base).ok()?);
+                let place = u16::try_from(offset as isize + base).ok()?;
+                let [low, high] = [usize::from(place) / BLOCK, (usize::from(place) + 1) / BLOCK];
+                let span = blocks.entry(offset / stride).or_insert([low, high]);
+                *span = [span[0].min(low), span[1].max(high)];
+                self.offsets.push(place);
                 weights[weight_place(i)] = weight.unwrap_or(0);
                 if weight.is_none() {
                     self.rim.push(((v * self.width + column + i) as u32, *entry));
                 }
             }
             self.weights.extend_from_slice(&weights);
+            if v + 1 == end || (v + 1).is_multiple_of(CELL_ROWS) {
+                let before = self.pieces.len();
+                for (source_row, [low, high]) in std::mem::take(&mut blocks) {
+                    let start = (low * BLOCK) as isize - bases.get(&source_row)?;
+                    let [start, blocks, at] = [start as usize, high + 1 - low, low].map(|n| n as u32);
+                    self.pieces.push(Span { start, blocks, at });
+                }
+                pieces.push(before..self.pieces.len());
+            }
         }
-        self.tiles.push(Tile { column, rows: first..end, spans: spans..self.spans.len() });
+        let spans = spans..self.spans.len();
+        self.tiles.push(Tile { column, rows: first..end, first: first_row, spans, pieces });
         Some(end)
     }
 
@@ -172,21 +198,26 @@ impl Tiles {
     pub(crate) fn memory_bytes(&self) -> usize {
         size_of_val(&*self.tiles)
             + size_of_val(&*self.spans)
+            + size_of_val(&*self.pieces)
             + size_of_val(&*self.offsets)
             + size_of_val(&*self.weights)
             + size_of_val(&*self.rim)
             + COPY_BYTES
     }
 
-    /// Unwarps; whether it could: a source or output of another size is left to the plain loop.
-    pub(crate) fn unwarp(&self, source: &[u8], out: &mut [u8]) -> bool {
+    /// Unwarps, where the cells of `work` are worked if it is given; whether it could: a source or output of another size is left to
+    /// the plain loop.
+    pub(crate) fn unwarp(&self, source: &[u8], work: Option<&Work>, out: &mut [u8]) -> bool {
         if source.len() != self.source_len || out.len() != self.width * self.height {
             return false;
         }
         let Ok(mut copy) = self.copy.try_lock() else { return false };
         copy.resize(COPY_BYTES, 0);
         let Some(copy) = copy.first_chunk_mut() else { return false };
-        work(self, source, copy, out);
+        match work.filter(|work| !work.is_whole()) {
+            Some(cells) => draw_cells(self, source, cells, copy, out),
+            None => draw(self, source, copy, out),
+        }
         for (i, entry) in &self.rim {
             out[*i as usize] = super::sample(source, self.stride, *entry);
         }
@@ -212,7 +243,7 @@ const fn weight_place(i: usize) -> usize {
 }
 
 /// All tiles, one after the other.
-fn work(tiles: &Tiles, source: &[u8], copy: &mut [u8; COPY_BYTES], out: &mut [u8]) {
+fn draw(tiles: &Tiles, source: &[u8], copy: &mut [u8; COPY_BYTES], out: &mut [u8]) {
     let (stride, width) = (tiles.stride, tiles.width);
     let (mut offsets, mut weights) = (tiles.offsets.as_chunks::<COLUMNS>().0, tiles.weights.as_chunks::<COLUMNS>().0);
     let level = available();
@@ -238,22 +269,51 @@ fn work(tiles: &Tiles, source: &[u8], copy: &mut [u8; COPY_BYTES], out: &mut [u8
     }
 }
 
+/// The cells that are worked, tile by tile. While one is worked the source of the next one is fetched.
+fn draw_cells(tiles: &Tiles, source: &[u8], work: &Work, copy: &mut [u8; COPY_BYTES], out: &mut [u8]) {
+    let (offsets, weights) = (tiles.offsets.as_chunks::<COLUMNS>().0, tiles.weights.as_chunks::<COLUMNS>().0);
+    let level = available();
+    let mut cells = tiles.tiles.iter().flat_map(|tile| {
+        let (column, first) = (tile.column.div_ceil(COLUMNS), tile.rows.start / CELL_ROWS);
+        let bands = (first..).zip(&tile.pieces).filter(move |(band, _)| work.is_worked(column, *band));
+        bands.map(move |(band, pieces)| (tile, band, &tiles.pieces[pieces.clone()]))
+    });
+    let mut next = cells.next();
+    while let Some((tile, band, pieces)) = next {
+        next = cells.next();
+        fill(copy, source, tiles.stride, pieces);
+        let mut ahead = next.map_or(&[][..], |(_, _, pieces)| pieces);
+        let rows = tile.rows.start.max(band * CELL_ROWS)..tile.rows.end.min((band + 1) * CELL_ROWS);
+        let share = ahead.len().div_ceil(rows.len().div_ceil(FETCH_ROWS));
+        for (k, v) in rows.enumerate() {
+            if k % FETCH_ROWS == 0 {
+                let (now, later) = ahead.split_at(share.min(ahead.len()));
+                fetch(source, now);
+                ahead = later;
+            }
+            let at = tile.first + v - tile.rows.start;
+            if let Some(out) = out[v * tiles.width + tile.column..].first_chunk_mut() {
+                sample_row(level, copy, &offsets[at], &weights[at], out);
+            }
+        }
+    }
+}
+
 wide! {
 /// Copies the spans, each pixel beside the one below it, less 128.
 fn fill(copy: &mut [u8; COPY_BYTES], source: &[u8], stride: usize, spans: &[Span]) {
-    let mut blocks = copy.as_chunks_mut::<{ 2 * BLOCK }>().0;
+    let blocks = copy.as_chunks_mut::<{ 2 * BLOCK }>().0;
     for span in spans {
         let length = span.blocks as usize * BLOCK;
         let upper = &source[span.start as usize..][..length];
         let lower = &source[span.start as usize + stride..][..length];
-        let Some((here, later)) = blocks.split_at_mut_checked(span.blocks as usize) else { return };
+        let Some(here) = blocks.get_mut(span.at as usize..(span.at + span.blocks) as usize) else { return };
         let pairs = upper.as_chunks::<BLOCK>().0.iter().zip(lower.as_chunks::<BLOCK>().0);
         for ((upper, lower), block) in pairs.zip(here) {
             for (pair, (a, c)) in block.as_chunks_mut::<2>().0.iter_mut().zip(upper.iter().zip(lower)) {
                 *pair = [*a ^ 128, *c ^ 128];
             }
         }
-        blocks = later;
     }
 }
 }
@@ -261,19 +321,10 @@ fn fill(copy: &mut [u8; COPY_BYTES], source: &[u8], stride: usize, spans: &[Span
 /// Fetches spans into the cache.
 #[inline(always)]
 fn fetch(source: &[u8], spans: &[Span]) {
-    #[cfg(target_arch = "x86_64")]
     for span in spans {
         let Some(pixels) = source.get(span.start as usize..) else { return };
-        let mut line = pixels.as_ptr();
-        for _ in 0..(span.blocks as usize * BLOCK).div_ceil(LINE) {
-            use std::arch::x86_64::{_MM_HINT_T0, _mm_prefetch};
-            // SAFETY: a hint; nothing is read.
-            unsafe { _mm_prefetch::<_MM_HINT_T0>(line.cast()) };
-            line = line.wrapping_add(LINE);
-        }
+        kernel::fetch(&pixels[..pixels.len().min(span.blocks as usize * BLOCK)]);
     }
-    #[cfg(not(target_arch = "x86_64"))]
-    let _ = (source, spans, LINE);
 }
 
 /// A row of a tile.
@@ -374,7 +425,7 @@ mod tests {
         super::super::unwarp(&source, stride, entries, width, &mut want);
         for level in [Level::Portable, Level::Avx2, Level::Avx512] {
             let mut got = vec![0; entries.len()];
-            assert!(at_most(level, || tiles.unwarp(&source, &mut got)));
+            assert!(at_most(level, || tiles.unwarp(&source, None, &mut got)));
             assert_eq!(got, want, "{width} columns, {level:?}");
         }
     }

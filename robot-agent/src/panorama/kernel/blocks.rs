@@ -1,0 +1,97 @@
+//! How much blocks of a picture differ from what they were: sums of absolute differences.
+
+use crate::motion::kernel::wide;
+
+/// Neighbouring pixels of a row.
+pub(in super::super) type Segment = [u8; 16];
+
+/// Segments of a block.
+const SEGMENTS: usize = 8;
+/// Blocks ahead of which a picture's lines are fetched into the cache.
+const AHEAD: usize = 6;
+
+wide! {
+/// The sum of absolute differences of each block to its `reference`; `places` are where its segments begin in the picture. A place
+/// that is none differs as much as can be. Places after the first `sums.len()` blocks are those that will be asked for next.
+pub(in super::super) fn differences(
+    picture: &[u8],
+    places: &[[u32; SEGMENTS]],
+    reference: &[[Segment; SEGMENTS]],
+    sums: &mut [u16],
+) {
+    for (i, ((sum, places_here), reference)) in sums.iter_mut().zip(places).zip(reference).enumerate() {
+        if let Some(next) = places.get(i + AHEAD) {
+            fetch(picture, next);
+        }
+        let mut all = 0u16;
+        for (place, then) in places_here.iter().zip(reference) {
+            let now: Option<&Segment> = picture.get(*place as usize..).and_then(|pixels| pixels.first_chunk());
+            let difference = now.map_or(16 * 255, |now| difference(now, then));
+            all += difference;
+        }
+        *sum = all;
+    }
+}
+}
+
+/// Takes the picture's blocks as reference.
+pub(in super::super) fn copy(picture: &[u8], places: &[[u32; SEGMENTS]], reference: &mut [[Segment; SEGMENTS]]) {
+    for (places, reference) in places.iter().zip(reference) {
+        for (place, then) in places.iter().zip(reference) {
+            if let Some(now) = picture.get(*place as usize..).and_then(|pixels| pixels.first_chunk()) {
+                *then = *now;
+            }
+        }
+    }
+}
+
+#[inline(always)]
+fn difference(now: &Segment, then: &Segment) -> u16 {
+    #[cfg(target_arch = "x86_64")]
+    {
+        use std::arch::x86_64::*;
+        // SAFETY: every x86-64 processor has these instructions; 16 bytes are read of 16.
+        let sums = unsafe { _mm_sad_epu8(_mm_loadu_si128(now.as_ptr().cast()), _mm_loadu_si128(then.as_ptr().cast())) };
+        // SAFETY: every x86-64 processor has these instructions.
+        unsafe { (_mm_cvtsi128_si32(sums) + _mm_extract_epi16::<4>(sums)) as u16 }
+    }
+    #[cfg(not(target_arch = "x86_64"))]
+    now.iter().zip(then).map(|(a, b)| u16::from(a.abs_diff(*b))).sum()
+}
+
+#[inline(always)]
+fn fetch(picture: &[u8], places: &[u32; SEGMENTS]) {
+    #[cfg(target_arch = "x86_64")]
+    for place in places {
+        use std::arch::x86_64::{_MM_HINT_T0, _mm_prefetch};
+        // SAFETY: a hint; nothing is read.
+        unsafe { _mm_prefetch::<_MM_HINT_T0>(picture.as_ptr().wrapping_add(*place as usize).cast()) };
+    }
+    #[cfg(not(target_arch = "x86_64"))]
+    let _ = (picture, places);
+}
+
+#[cfg(test)]
+mod tests {
+    use rand::{Rng, SeedableRng};
+
+    use super::*;
+
+    #[test]
+    fn sums_are_those_of_pixels_one_by_one() {
+        let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(3);
+        let mut random = || (0..4000).map(|_| (rng.next_u32() >> 24) as u8).collect::<Vec<u8>>();
+        let (before, now) = (random(), random());
+        let mut places = vec![[0u32; SEGMENTS]; 20];
+        places.iter_mut().flatten().for_each(|place| *place = rng.next_u32() % 3984);
+        let mut reference = vec![[[0; 16]; SEGMENTS]; 20];
+        copy(&before, &places, &mut reference);
+        let mut sums = vec![0; 20];
+        differences(&now, &places, &reference, &mut sums);
+        for (sum, places) in sums.iter().zip(&places) {
+            let pixels = places.iter().flat_map(|p| *p as usize..*p as usize + 16);
+            let want: u32 = pixels.map(|i| u32::from(now[i].abs_diff(before[i]))).sum();
+            assert_eq!(u32::from(*sum), want);
+        }
+    }
+}
