@@ -15,7 +15,7 @@ const MOST_CHANGES: usize = 3;
 /// What it must gain, nats, that a track goes over to another target (of a robot that is sure of it, and that is not), that a
 /// target takes one on that is nobody's, that it lets one go.
 const CHANGE: f64 = 3.0;
-const CHANGE_DOUBTFUL: f64 = 1.0;
+const CHANGE_DOUBTFUL: f64 = 1.5;
 const ADOPT: f64 = 0.8;
 const RELEASE: f64 = 1.5;
 /// A change may be as recent as this, seconds.

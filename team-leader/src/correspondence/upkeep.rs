@@ -14,7 +14,7 @@ const LOST_M: f64 = 2.0;
 const INSIDE_M: f64 = 0.12;
 const SURELY_M: f64 = 0.1;
 /// Two targets this close, one of them without bearings of its own, are one.
-const DOUBLE_M: f64 = 0.35;
+const DOUBLE_M: f64 = 0.25;
 
 impl Follower {
     /// Drops what is over.
