@@ -8,7 +8,7 @@
 
 pub mod bench;
 mod camouflage;
-mod eyes;
+pub mod eyes;
 pub mod light;
 pub mod moving;
 mod paint;

@@ -20,10 +20,11 @@ const STRIP_PX: usize = 8;
 /// Drawn on both sides of a strip, for edges.
 const STRIP_PAD_PX: usize = 2;
 
-type OutwardRay = (Vector3<f64>, Vector3<f64>);
+/// Origin (m, from the camera's middle) and unit direction in the body frame.
+pub type OutwardRay = (Vector3<f64>, Vector3<f64>);
 
-/// What a place on the picture sees, from the camera's middle.
-fn ray(eye: &EyeSpec, u: f64, v: f64) -> Option<OutwardRay> {
+/// What a place on the picture sees.
+pub fn ray(eye: &EyeSpec, u: f64, v: f64) -> Option<OutwardRay> {
     let (f, up) = (eye.focal_length_px(), eye.horizon_px() - v);
     let direction = match eye {
         EyeSpec::Pinhole { image_size_px: [width, _], .. } => Vector3::new(f, 0.5 * (f64::from(*width) - 1.0) - u, up),
