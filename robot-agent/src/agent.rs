@@ -14,6 +14,7 @@ mod pipeline;
 mod settings;
 mod surroundings;
 mod team;
+mod witness;
 
 use protocol::message::{Alarm, AlarmKind, Announcement, CameraSummary, Observation, Stages};
 use protocol::time::Timestamp;

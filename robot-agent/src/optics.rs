@@ -146,6 +146,12 @@ pub trait Camera: std::fmt::Debug + Send + Sync {
         Vector3::zeros()
     }
 
+    /// How much later than the picture's capture time a place on it is seen, seconds: other than 0 for cameras whose columns
+    /// are taken one after the other.
+    fn seen_after_s(&self, _pixel: &Vector2<f64>) -> f64 {
+        0.0
+    }
+
     /// The largest distance (metres) by which a ray misses [`Camera::viewpoint_m`]; 0 for central cameras.
     fn viewpoint_miss_m(&self) -> f64 {
         0.0

@@ -137,13 +137,34 @@ impl PanoramaGeometry {
     /// # Errors
     /// [`GeometryError::NotPanoramic`].
     pub fn for_camera(camera: &MountedCamera) -> Result<Self, GeometryError> {
-        const CYLINDER_LIMIT_RAD: f64 = PI / 3.0;
         let elevation_rad = elevations_in_the_body(camera);
         let scale = radial_px_per_rad(camera).filter(|_| camera.camera().is_panoramic());
         let Some(scale) = scale else { return Err(GeometryError::NotPanoramic { model: camera.camera().model() }) };
-        let columns = (TAU * scale / f64::from(Self::WIDTH_STEP)).floor() as u32;
+        Self::of_scale(scale, elevation_rad)
+    }
+
+    /// The panorama of a camera that looks one way, as an agent works on: all round, though only a part of it is ever valid.
+    ///
+    /// The rule is that of [`PanoramaGeometry::for_camera`], with the scale in the middle of the picture.
+    ///
+    /// # Errors
+    /// [`GeometryError::NotPanoramic`] for a camera that looks up or down, whose picture's middle is no bearing.
+    pub fn around(camera: &MountedCamera) -> Result<Self, GeometryError> {
+        const STEEPEST_RAD: f64 = PI / 4.0;
+        let not_panoramic = || GeometryError::NotPanoramic { model: camera.camera().model() };
+        let middle = camera.image_size_px().map(|n| 0.5 * (f64::from(n) - 1.0));
+        let (bearing, elevation) = camera
+            .bearing_elevation_rad(&nalgebra::Vector2::from(middle))
+            .filter(|(_, elevation)| elevation.abs() < STEEPEST_RAD)
+            .ok_or_else(not_panoramic)?;
+        let scale = camera.resolution(bearing, elevation).ok_or_else(not_panoramic)?.bearing_px_per_rad;
+        Self::of_scale(scale / elevation.cos(), elevations_of_the_picture(camera))
+    }
+
+    fn of_scale(px_per_rad: f64, [low, high]: [f64; 2]) -> Result<Self, GeometryError> {
+        const CYLINDER_LIMIT_RAD: f64 = PI / 3.0;
+        let columns = (TAU * px_per_rad / f64::from(Self::WIDTH_STEP)).floor() as u32;
         let width = (columns * Self::WIDTH_STEP).clamp(Self::WIDTH_STEP, Self::MAX_SIDE_PX / 2);
-        let [low, high] = elevation_rad;
         let (projection, span) = if low >= -CYLINDER_LIMIT_RAD && high <= CYLINDER_LIMIT_RAD {
             (Projection::Cylinder, high.tan() - low.tan())
         } else {
@@ -151,7 +172,7 @@ impl PanoramaGeometry {
         };
         let rows = Self::ROW_STRETCH * span * f64::from(width) / TAU;
         let height = ((0.5 * rows).floor() as u32 * 2).clamp(2, Self::MAX_SIDE_PX);
-        Self::new(width, height, projection, elevation_rad)
+        Self::new(width, height, projection, [low, high])
     }
 
     /// The same panorama with another bearing (radians) at its left border; π is the project's convention.
@@ -246,7 +267,6 @@ impl PanoramaGeometry {
 fn elevations_in_the_body(camera: &MountedCamera) -> [f64; 2] {
     /// Cosine of 20°.
     const NEARLY_UPRIGHT: f64 = 0.94;
-    const STEPS: u32 = 64;
     let [low, high] = camera.camera().elevation_rad();
     let up = camera.mounting().body_from_camera_rotation() * nalgebra::Vector3::z();
     if up.z > NEARLY_UPRIGHT {
@@ -255,6 +275,12 @@ fn elevations_in_the_body(camera: &MountedCamera) -> [f64; 2] {
     if up.z < -NEARLY_UPRIGHT {
         return [-high, -low];
     }
+    elevations_of_the_picture(camera)
+}
+
+/// The elevations [lowest, highest] of what is on a camera's picture, in the body frame.
+fn elevations_of_the_picture(camera: &MountedCamera) -> [f64; 2] {
+    const STEPS: u32 = 64;
     let [w, h] = camera.image_size_px().map(f64::from);
     let at = |i: u32, side: f64| f64::from(i) / f64::from(STEPS) * side - 0.5;
     let pixels = (0..=STEPS).flat_map(|i| (0..=STEPS).map(move |j| (i, j)));

@@ -340,11 +340,12 @@ impl Tracker {
     fn view_of(&self, track: &Track) -> Option<TrackView> {
         let extent = track.extent?;
         let middle = (track.rows[0] + track.rows[1]) as f64 / 2.0;
-        // Where it was at the capture time, if its rows were read sooner or later.
+        // Where it was at the capture time, if its rows or columns were read sooner or later.
         let delay_s = self.view.delay_s(track.axis, middle);
         let axis = self.raster.wrap_column(track.axis - track.filter.rate * delay_s);
         let (bearing_rad, _) = self.view.angles_rad(axis, middle)?;
         let step = self.view.steps_rad(track.axis, middle)[0];
+        let axis_sigma = if self.figures.is_some() { track.told_sigma() } else { track.axis_sigma };
         let area_px = self.areas.iter().find(|(id, _)| *id == track.id).map_or(0, |(_, a)| *a);
         Some(TrackView {
             id: track.id,
@@ -355,7 +356,7 @@ impl Tracker {
             area_px,
             axis_column: axis,
             bearing_rad,
-            bearing_sigma_rad: step * if self.figures.is_some() { track.told_sigma() } else { track.axis_sigma },
+            bearing_sigma_rad: step * axis_sigma.hypot(track.filter.rate_sigma() * delay_s),
             extent,
             width_rad: track.shape.w * step,
             confidence: track.confidence(),

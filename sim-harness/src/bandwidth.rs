@@ -40,13 +40,13 @@ pub struct VideoRate {
 }
 
 impl VideoRate {
-    /// `frames` pictures in a run; `jpeg`: bytes and number of those that were encoded.
-    pub fn of(frames: usize, [width, height]: [u32; 2], jpeg: (u64, u64), duration_s: f64) -> Self {
-        let per_s = |bytes_a_frame: f64| bytes_a_frame * frames as f64 / duration_s.max(1e-9);
-        Self {
-            raw_bytes_per_s: per_s(f64::from(width) * f64::from(height)),
-            jpeg_bytes_per_s: per_s(jpeg.0 as f64 / jpeg.1.max(1) as f64),
-        }
+    /// Of all robots: pictures in a run and their size; `jpeg`: bytes and number of those that were encoded.
+    pub fn of(robots: impl Iterator<Item = (usize, [u32; 2])>, jpeg: (u64, u64), duration_s: f64) -> Self {
+        let (frames, pixels) = robots.fold((0.0, 0.0), |(frames, pixels), (n, [width, height])| {
+            (frames + n as f64, pixels + n as f64 * f64::from(width) * f64::from(height))
+        });
+        let per_s = |bytes: f64| bytes / duration_s.max(1e-9);
+        Self { raw_bytes_per_s: per_s(pixels), jpeg_bytes_per_s: per_s(frames * jpeg.0 as f64 / jpeg.1.max(1) as f64) }
     }
 }
 

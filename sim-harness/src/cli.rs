@@ -1,6 +1,7 @@
 //! The subcommands of the program, one a file: arguments and what they do.
 
 pub mod bandwidth;
+pub mod baseline;
 pub mod bench;
 pub mod chaos;
 pub mod demo;

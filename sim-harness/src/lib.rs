@@ -1,6 +1,7 @@
 #![doc = include_str!("../README.md")]
 
 pub mod bandwidth;
+pub mod baseline;
 pub mod bench;
 pub mod chaos;
 pub mod cli;

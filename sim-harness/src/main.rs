@@ -4,7 +4,8 @@ use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
 use sim_harness::cli::{
-    bandwidth, bench, chaos, demo, efficiency, guidance, motion, peers, record, replay, run, scale, score, zoo,
+    bandwidth, baseline, bench, chaos, demo, efficiency, guidance, motion, peers, record, replay, run, scale, score,
+    zoo,
 };
 
 #[derive(Debug, Parser)]
@@ -36,6 +37,8 @@ enum Command {
     Guidance(guidance::GuidanceArgs),
     /// Fellow robots in rendered pictures of rooms drawn anew: found, measured, named, against truth
     Peers(peers::PeersArgs),
+    /// Two robots of rooms drawn anew: how well the map knows their distance after a second of standing
+    Baseline(baseline::BaselineArgs),
     /// Masks and tracks against truth: F, recall, precision; MOTA, IDF1, identity switches
     Score(score::ScoreArgs),
     /// Many robots with synthetic observations through real sessions: what one leader carries
@@ -69,6 +72,7 @@ fn main() -> ExitCode {
         Some(Command::Efficiency(args)) => efficiency::run(&args),
         Some(Command::Guidance(args)) => guidance::run(&args),
         Some(Command::Peers(args)) => peers::run(&args),
+        Some(Command::Baseline(args)) => baseline::run(&args),
         Some(Command::Score(args)) => score::run(&args),
         Some(Command::Scale(args)) => scale::run(&args),
         Some(Command::Bench(args)) => bench::run(&args),

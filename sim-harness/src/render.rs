@@ -8,6 +8,7 @@
 
 pub mod bench;
 mod camouflage;
+pub mod eyes;
 pub mod light;
 pub mod moving;
 mod paint;
@@ -24,7 +25,8 @@ use std::sync::Arc;
 
 use crate::world::body::Body;
 use crate::world::wardrobe::Clothes;
-use crate::world::{State, World};
+use crate::world::{PersonState, RobotState, State, World};
+use eyes::Turn;
 use light::Caster;
 use moving::Mover;
 use rays::{Rays, Stand};
@@ -64,6 +66,12 @@ pub struct Renderer {
     sensor: Sensor,
     gain: f32,
     canvas: Canvas,
+    /// Columns and rows that are drawn beyond each border of the picture.
+    pad: usize,
+    /// Of a camera that looks one way: half of how far, radians.
+    half_field_rad: Option<f64>,
+    /// Of a camera that turns.
+    turn: Option<Turn>,
 }
 
 /// What moves in one picture, by pixel.
@@ -86,6 +94,14 @@ impl Renderer {
         let mut traced: Vec<([f64; 2], Arc<Rays>)> = Vec::new();
         let mut team: Vec<Self> = Vec::new();
         for (n, robot) in world.robots().iter().enumerate() {
+            if let Some(eye) = world.camera().other(&robot.id) {
+                let mut renderer = Self::new(world, &scene, &Arc::new(eyes::rays(&eye, world.camera().height_m)), n);
+                renderer.pad = eyes::PAD_PX;
+                renderer.half_field_rad = eye.half_field_rad();
+                renderer.turn = Turn::new(world, &scene, &eye, n);
+                team.push(renderer);
+                continue;
+            }
             let tilt_deg = world.camera().tilt_deg(&robot.id);
             let known = traced.iter().find(|(tilt, _)| *tilt == tilt_deg).map(|(_, rays)| rays.clone());
             let rays = known.unwrap_or_else(|| Arc::new(Rays::trace_tilted(world.camera(), tilt_deg)));
@@ -93,7 +109,7 @@ impl Renderer {
             traced.push((tilt_deg, rays));
         }
         let clothes: Arc<[Clothes]> = camouflage::dress(world, &mut team).into();
-        team.iter_mut().for_each(|r| r.clothes = clothes.clone());
+        team.iter_mut().for_each(|r| r.dress(&clothes));
         team
     }
 
@@ -112,6 +128,11 @@ impl Renderer {
         let mut renderer = Self::new(world, &Arc::new(Scene::new(world)), rays, 0);
         renderer.clothes = (0..world.people_count()).map(|n| *world.clothes(n)).collect();
         renderer
+    }
+
+    fn dress(&mut self, clothes: &Arc<[Clothes]>) {
+        self.clothes = clothes.clone();
+        self.turn.iter_mut().flat_map(Turn::renderers).for_each(|strip| strip.clothes = clothes.clone());
     }
 
     fn new(world: &Arc<World>, scene: &Arc<Scene>, rays: &Arc<Rays>, robot: usize) -> Self {
@@ -147,6 +168,9 @@ impl Renderer {
                 stamp: 0,
                 touched: Vec::new(),
             },
+            pad: 0,
+            half_field_rad: None,
+            turn: None,
         };
         renderer.look_from(&first);
         renderer.expose();
@@ -155,25 +179,42 @@ impl Renderer {
 
     /// The picture at a true time.
     pub fn render(&mut self, time_s: f64) -> Picture {
+        let counted = match &mut self.turn {
+            Some(turn) => turn.expose(time_s, &mut self.canvas.light, self.world.people_count()),
+            None => self.gather(time_s),
+        };
+        let visible_fraction = self.shares(&self.world.at(time_s), &counted);
+        let [width, height] = [self.rays.width, self.rays.height].map(|n| n - 2 * self.pad);
+        let wide = self.sensor.develop(&self.canvas.light, self.rays.width, self.gain, time_s);
+        let gray = match self.pad {
+            0 => wide,
+            pad => {
+                let rows = wide.chunks_exact(self.rays.width).skip(pad).take(height);
+                rows.flat_map(|row| &row[pad..pad + width]).copied().collect()
+            }
+        };
+        Picture { width: width as u32, height: height as u32, gray, visible_fraction }
+    }
+
+    /// Lets the light of an instant fall on every pixel; of each person the pixels seen and those it would cover alone.
+    fn gather(&mut self, time_s: f64) -> Vec<[u32; 2]> {
         let state = self.world.at(time_s);
         self.look_from(&state);
         let movers = self.movers(&state);
         // All light in units of that from everywhere.
         let strength = self.scene.lights().strength(time_s);
-        let gain = self.gain * self.scene.lights().ambient_strength(time_s);
+        let everywhere = self.scene.lights().ambient_strength(time_s);
         for pixel in self.rays.lit.iter().map(|p| *p as usize) {
             self.canvas.light[pixel] = self.still.glow[pixel].total(&strength);
         }
         self.throw_shadows(&movers, &strength);
-        let visible_fraction = self.draw(&movers);
+        let counted = self.draw(&movers);
         self.paint(&movers, &strength);
         self.clear();
-        Picture {
-            width: self.rays.width as u32,
-            height: self.rays.height as u32,
-            gray: self.sensor.develop(&self.canvas.light, self.rays.width, gain, time_s),
-            visible_fraction,
+        if everywhere != 1.0 {
+            self.canvas.light.iter_mut().for_each(|light| *light *= everywhere);
         }
+        counted
     }
 
     /// Only the share of each person that is seen at a true time.
@@ -181,9 +222,26 @@ impl Renderer {
         let state = self.world.at(time_s);
         self.look_from(&state);
         let movers = self.movers(&state);
-        let visible = self.draw(&movers);
+        let counted = self.draw(&movers);
         self.clear();
-        visible
+        self.shares(&state, &counted)
+    }
+
+    /// Visible share of each person, from the pixels seen and those it would cover alone. A camera that looks one way does not
+    /// see what is beyond its picture's sides.
+    fn shares(&self, state: &State, counted: &[[u32; 2]]) -> Vec<f64> {
+        let inside = |person: &PersonState| match self.half_field_rad {
+            Some(half) => share_within(&state.robots[self.robot], person, half),
+            None => 1.0,
+        };
+        let shares = counted.iter().zip(&state.people);
+        shares
+            .map(
+                |([seen, alone], person)| {
+                    if *alone == 0 { 0.0 } else { f64::from(*seen) / f64::from(*alone) * inside(person) }
+                },
+            )
+            .collect()
     }
 
     /// Makes the picture of what stands still fit to where the camera is.
@@ -223,10 +281,9 @@ impl Renderer {
         movers
     }
 
-    /// Finds which mover every pixel's centre shows; gives the visible share of each person.
-    fn draw(&mut self, movers: &[Mover]) -> Vec<f64> {
-        let people = self.world.people_count();
-        let mut alone = vec![0u32; people];
+    /// Finds which mover every pixel's centre shows; of each person the pixels seen and those it would cover alone.
+    fn draw(&mut self, movers: &[Mover]) -> Vec<[u32; 2]> {
+        let mut counted = vec![[0u32; 2]; self.world.people_count()];
         let canvas = &mut self.canvas;
         for (n, mover) in movers.iter().enumerate() {
             canvas.stamp += 1;
@@ -237,7 +294,7 @@ impl Renderer {
                     if canvas.counted[pixel] != canvas.stamp {
                         canvas.counted[pixel] = canvas.stamp;
                         if let (Some(person), true) = (mover.person_index(), self.rays.is_nominal[pixel]) {
-                            alone[person] += 1;
+                            counted[person][1] += 1;
                         }
                     }
                     if hit.t < self.still.depth[pixel].min(canvas.depth[pixel]) {
@@ -251,13 +308,12 @@ impl Renderer {
                 }
             }
         }
-        let mut seen = vec![0u32; people];
         for pixel in canvas.touched.iter().map(|p| *p as usize).filter(|p| self.rays.is_nominal[*p]) {
             if let Some(person) = movers[usize::from(canvas.shown[pixel].0)].person_index() {
-                seen[person] += 1;
+                counted[person][0] += 1;
             }
         }
-        seen.iter().zip(alone).map(|(s, a)| if a == 0 { 0.0 } else { f64::from(*s) / f64::from(a) }).collect()
+        counted
     }
 
     /// Forgets what moved.
@@ -268,6 +324,17 @@ impl Renderer {
             canvas.depth[pixel] = f32::INFINITY;
         }
     }
+}
+
+/// Share of a person's breadth that is within so much of straight ahead, radians.
+fn share_within(robot: &RobotState, person: &PersonState, half_rad: f64) -> f64 {
+    /// Half of the breadth of shoulders.
+    const HALF_M: f64 = 0.22;
+    let (dx, dy) = (person.x_m - robot.x_m, person.y_m - robot.y_m);
+    let (sin, cos) = robot.heading_rad.sin_cos();
+    let bearing = (cos * dy - sin * dx).atan2(cos * dx + sin * dy);
+    let half_person = (HALF_M / dx.hypot(dy).max(HALF_M)).asin();
+    ((half_rad - (bearing.abs() - half_person)) / (2.0 * half_person)).clamp(0.0, 1.0)
 }
 
 /// A robot's body where it stands.

@@ -6,6 +6,7 @@
 
 mod camera;
 mod check;
+mod others;
 mod room;
 mod wear;
 
@@ -16,6 +17,7 @@ use protocol::marker::Marker;
 use serde::{Deserialize, Serialize};
 
 pub use camera::{CameraSpec, TiltSpec};
+pub use others::{EyeSpec, OtherCamera};
 pub use room::{FurnitureKind, FurnitureSpec, LampSpec, RoomSpec, share_at};
 pub use wear::{WearOf, WearSpec};
 
@@ -75,7 +77,7 @@ pub struct Scenario {
     /// Frame times and clocks.
     #[serde(default)]
     pub capture: CaptureSpec,
-    /// The PAL camera on every robot.
+    /// The PAL camera on every robot, and the robots that have another.
     #[serde(default)]
     pub camera: CameraSpec,
 }
@@ -175,7 +177,7 @@ impl Default for CaptureSpec {
 
 impl Scenario {
     /// Names of the scenarios inside the program.
-    pub const BUILTIN: [&'static str; 3] = ["default", "tiny", "moving_start"];
+    pub const BUILTIN: [&'static str; 4] = ["default", "tiny", "moving_start", "mixed"];
 
     /// A scenario inside the program.
     pub fn builtin(name: &str) -> Option<Result<Self, ScenarioError>> {
@@ -183,6 +185,7 @@ impl Scenario {
             "default" => include_str!("../scenarios/default.toml"),
             "tiny" => include_str!("../scenarios/tiny.toml"),
             "moving_start" => include_str!("../scenarios/moving_start.toml"),
+            "mixed" => include_str!("../scenarios/mixed.toml"),
             _ => return None,
         };
         Some(Self::parse(text, name))
@@ -225,6 +228,14 @@ impl Scenario {
     /// The calibration file that a robot's agent gets: the truth, but for a tilt that is not known.
     pub fn camera_toml_of(&self, robot: &RobotId) -> String {
         self.camera.toml_of(robot)
+    }
+
+    /// A robot's pictures: those of a camera that turns come when it has turned, without jitter.
+    pub fn capture_of(&self, robot: &RobotId) -> CaptureSpec {
+        match self.camera.other(robot).and_then(|eye| eye.turn_s()) {
+            Some(turn_s) => CaptureSpec { rate_hz: 1.0 / turn_s, jitter_ms: 0.0, ..self.capture.clone() },
+            None => self.capture.clone(),
+        }
     }
 
     /// What a robot wears, as it announces it.

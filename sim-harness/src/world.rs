@@ -125,8 +125,10 @@ impl World {
             .map(|_| people.height_m[0] + (people.height_m[1] - people.height_m[0]) * rng.random::<f64>())
             .collect();
         let clothes = (0..people.count).map(|_| Clothes::random(&mut rng)).collect();
+        let half_field = |id: &protocol::id::RobotId| scenario.camera.other(id).and_then(|eye| eye.half_field_rad());
+        let wanted: Vec<_> = scenario.robot_ids().into_iter().map(|id| (id, half_field(&id))).collect();
         for _ in 0..ATTEMPTS {
-            let mut robots = placement::place(&scenario.robots, &scenario.robot_ids(), &floor, &mut rng)?;
+            let mut robots = placement::place(&scenario.robots, &wanted, &floor, &mut rng)?;
             let grid = Grid::new(&floor, &keep_out(&robots), WALKER_MARGIN_M);
             let walks = walk::walk(people, &heights_m, &robots, &grid, scenario.duration_s, &mut rng);
             let Some(walks) = walks else { continue };
@@ -144,7 +146,7 @@ impl World {
             }
             for robot in &mut robots {
                 (robot.clock_offset_s, robot.captures) =
-                    robot::schedule(&scenario.capture, scenario.duration_s, &mut rng);
+                    robot::schedule(&scenario.capture_of(&robot.id), scenario.duration_s, &mut rng);
             }
             return Ok(Self {
                 duration_s: scenario.duration_s,

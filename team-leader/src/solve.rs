@@ -7,6 +7,7 @@ pub mod explain;
 pub mod input;
 pub mod joint;
 pub mod layout;
+pub mod matching;
 mod measurements;
 pub mod observability;
 pub mod output;
@@ -166,6 +167,7 @@ impl Stage {
         let touched = |r: usize| {
             problem.sightings.iter().any(|s| s.peer.is_some() && (s.observer == r || s.peer == Some(r)))
                 || problem.bearings.iter().any(|b| b.observer == r && b.target.is_some())
+                || problem.robots[r].moved.is_some()
         };
         let placed: Vec<bool> = (0..n).map(|r| reached[r] || touched(r)).collect();
         if placed.iter().filter(|p| **p).count() < 2 && problem.landmarks.is_empty() {
@@ -226,7 +228,8 @@ impl Stage {
         let still: Vec<bool> = (0..placed.len()).map(|r| held[r].is_some() || !placed[r]).collect();
         let nuisances: Vec<_> =
             problem.robots.iter().zip(placed).map(|(r, p)| if *p { r.nuisance } else { Default::default() }).collect();
-        let layout = Layout::new(&still, &nuisances, &free);
+        let earlier: Vec<Option<usize>> = problem.robots.iter().map(|r| Some(r.moved.as_ref()?.from)).collect();
+        let layout = Layout::with_places(&still, &nuisances, &earlier, &free);
         start::place_targets(&mut state, &terms, &free);
         let joint = joint::solve(&terms, &layout, state);
         let loss = joint::residuals(&terms, &joint.state).iter().map(|r| Loss::Tailed.of(*r).0).sum();

@@ -5,6 +5,7 @@
 
 use nalgebra::{Vector2, Vector3};
 use robot_agent::optics::{CameraFile, MountedCamera};
+use sim_harness::render::eyes::ray as ray_of;
 use sim_harness::render::pal::Pal;
 use sim_harness::scenario::{CameraSpec, Scenario};
 
@@ -52,6 +53,26 @@ fn the_agent_projects_points_on_traced_rays_to_their_pixels_at_every_distance() 
         worst = worst.max((camera.project_body_direction(&traced.direction).unwrap() - pixel).norm());
     }
     assert!(worst < 1e-8, "{worst} px");
+}
+
+#[test]
+fn the_rays_of_robots_without_a_pal_are_the_agent_s() {
+    let scenario = Scenario::builtin("mixed").unwrap().unwrap();
+    assert_eq!(scenario.camera.others.len(), 2);
+    for other in &scenario.camera.others {
+        let file = CameraFile::parse(&scenario.camera_toml_of(&other.robot), "camera.toml".as_ref()).unwrap();
+        let camera = file.mount().unwrap();
+        let [w, h] = camera.image_size_px().map(f64::from);
+        for (i, j) in (0..41).flat_map(|i| (0..31).map(move |j| (f64::from(i), f64::from(j)))) {
+            let pixel = Vector2::new(i / 41.0 * w + 0.29, j / 31.0 * h + 0.17);
+            let ray = camera.camera().unproject(&pixel).unwrap();
+            let (origin_m, direction) = ray_of(&other.camera, pixel.x, pixel.y).unwrap();
+            assert!(
+                (ray.origin_m - origin_m).norm() < 1e-12 && (ray.direction - direction).norm() < 1e-12,
+                "{pixel:?}"
+            );
+        }
+    }
 }
 
 /// Every camera of the zoo: traced rays are the agent's, and points on them appear where they were traced from.

@@ -8,7 +8,7 @@ use protocol::frames::Pose2;
 use protocol::id::RobotId;
 use protocol::message::TeamMap;
 use sim_harness::replay::Recording;
-use sim_harness::scenario::Scenario;
+use sim_harness::scenario::{EyeSpec, OtherCamera, Scenario};
 use sim_harness::team::{Outcome, TeamSettings, output, simulated};
 
 #[test]
@@ -27,6 +27,34 @@ fn the_same_seed_gives_the_same_bytes_and_another_seed_others() {
         assert!(first[name] != other[name], "{name} is the same for another seed");
     }
     assert!(first == again);
+}
+
+#[test]
+fn a_pinhole_and_a_turning_slit_take_part_in_a_team() {
+    let mut scenario = tiny();
+    scenario.robots.count = 3;
+    scenario.camera.others = ["r2", "r3"]
+        .into_iter()
+        .zip([
+            EyeSpec::Pinhole { image_size_px: [240, 180], field_deg: 60.0 },
+            EyeSpec::Rotating { image_size_px: [1080, 114], turn_s: 0.2, elevation_deg: [-15.0, 20.0] },
+        ])
+        .map(|(robot, camera)| OtherCamera { robot: RobotId::new(robot).unwrap(), camera })
+        .collect();
+    let settings = TeamSettings { duration_s: Some(5.0), ..TeamSettings::default() };
+    let run = simulated::run(&scenario, 3, &settings, &|_| {}).unwrap();
+    // A turn takes 0.2 s and 5 s have 25 of them, the last of which is not over.
+    let of = |robot: &str| run.observations.iter().filter(|(id, _)| id.as_str() == robot).count();
+    assert!((24..=25).contains(&of("r3")) && of("r2") >= 48, "{} {}", of("r2"), of("r3"));
+    let map = run.maps.last().unwrap();
+    let truth = run.world.at(run.true_time_s(map.stamp));
+    let room = |n: usize| Pose2::new(truth.robots[n].x_m, truth.robots[n].y_m, truth.robots[n].heading_rad);
+    let gauge = map.robots.iter().position(|r| Some(r.id) == map.gauge).unwrap();
+    let room_from_team = room(gauge) * map.robots[gauge].team_from_body.unwrap().inverse();
+    for (n, robot) in map.robots.iter().enumerate() {
+        let off = (room(n).inverse() * room_from_team * robot.team_from_body.unwrap()).position().norm();
+        assert!(off < 0.02, "{} is {off} m off", robot.id);
+    }
 }
 
 #[test]

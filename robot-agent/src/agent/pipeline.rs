@@ -11,6 +11,7 @@ use protocol::marker::Marker;
 use protocol::message::observation::{MAX_SIGHTINGS, MAX_TRACKS};
 use protocol::message::{AlarmKind, Motion, PeerSighting, Stages, TrackObservation};
 
+use super::witness::Witnesses;
 use super::{AgentError, AgentSettings, Frame, PictureKind, Progress};
 use crate::motion::{BackgroundState, MotionStage, Raster};
 use crate::optics::MountedCamera;
@@ -33,6 +34,8 @@ pub struct Pipeline {
     tracker: Tracker,
     markers: Vec<(Option<RobotId>, Marker)>,
     peer_detector: Option<PeerDetector>,
+    /// Of a camera that looks one way.
+    witnesses: Option<Witnesses>,
     gallery: Gallery,
     frame: Option<Frame>,
     /// The camera's own picture of the last frame, for the gaze windows; black before the first.
@@ -101,6 +104,7 @@ impl Pipeline {
             tracker: Tracker::new(raster, view, settings.tracking.clone()),
             markers: Vec::new(),
             peer_detector: None,
+            witnesses: (!camera.camera().is_panoramic()).then(Witnesses::default),
             gallery: Gallery::new(raster),
             frame: None,
             last_gray: vec![0; width as usize * height as usize],
@@ -231,6 +235,12 @@ impl Pipeline {
         self.seen.sightings.truncate(MAX_SIGHTINGS);
         self.peer_bearings = self.seen.sightings.iter().map(PeerBearing::of).collect();
         self.seen.stages.0 |= Stages::PEERS;
+        if let Some(witnesses) = &mut self.witnesses
+            && witnesses.show_standing(&self.seen.sightings, frame.capture)
+            && self.seen.motion != Motion::Lifted
+        {
+            self.seen.motion = Motion::Standing;
+        }
     }
 
     /// A picture for people, encoded.

@@ -177,6 +177,10 @@ impl Camera for Misaligned {
         self.aligned.elevation_rad()
     }
 
+    fn seen_after_s(&self, pixel: &Vector2<f64>) -> f64 {
+        self.aligned.seen_after_s(pixel)
+    }
+
     fn is_panoramic(&self) -> bool {
         self.aligned.is_panoramic()
     }

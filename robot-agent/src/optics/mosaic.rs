@@ -36,7 +36,7 @@ pub struct MosaicParameters {
     /// ω at the left border, u = −½, degrees.
     #[serde(default = "half_turn")]
     pub start_deg: f64,
-    /// Time for the whole turn; column u was taken (u + ½)/width of it after the first.
+    /// Time for the whole turn; column u was taken (u + ½)/width of it after the first. The capture time is the middle's.
     #[serde(default)]
     pub turn_s: f64,
     /// Whether the arm turns counter-clockwise from above; then the mosaic is reversed.
@@ -157,6 +157,10 @@ impl Camera for Mosaic {
 
     fn is_panoramic(&self) -> bool {
         true
+    }
+
+    fn seen_after_s(&self, pixel: &Vector2<f64>) -> f64 {
+        self.column_time_s(pixel.x) - 0.5 * self.parameters.turn_s
     }
 
     /// A radial slit's rays pass the axis at all slopes, so the best point is the centre of the circle for any slit.
@@ -330,6 +334,9 @@ mod tests {
         assert_eq!(camera.column_time_s(1439.5), 36.0);
         let forward = camera.project_direction(&Vector3::x()).unwrap();
         assert!((camera.column_time_s(forward.x) - 18.0).abs() < 1e-9);
+        // Clockwise from behind: what is on the left is seen before what is ahead.
+        let seen = |d: Vector3<f64>| camera.seen_after_s(&camera.project_direction(&d).unwrap());
+        assert!(seen(Vector3::x()).abs() < 1e-9 && (seen(Vector3::y()) + 9.0).abs() < 1e-9);
     }
 
     #[test]

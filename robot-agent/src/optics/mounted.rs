@@ -135,6 +135,13 @@ impl MountedCamera {
         Some(Ray { origin_m: turn(ray.origin_m), direction: turn(ray.direction) })
     }
 
+    /// How much later than the picture's capture time (mid-exposure of its middle row, or of its middle column where columns come
+    /// one after the other) a place on it is seen, seconds.
+    pub fn seen_after_s(&self, pixel: &Vector2<f64>) -> f64 {
+        let rows = f64::from(self.image_size_px()[1]);
+        self.camera.seen_after_s(pixel) + ((pixel.y + 0.5) / rows - 0.5) * self.timing.readout_s
+    }
+
     /// The best single viewpoint in the body frame, metres: bearings and elevations are as from there to within
     /// [`Camera::viewpoint_miss_m`].
     pub fn viewpoint_body_m(&self) -> Vector3<f64> {

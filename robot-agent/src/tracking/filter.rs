@@ -50,6 +50,11 @@ impl AxisFilter {
         self.p[0].max(0.0).sqrt()
     }
 
+    /// One standard deviation of the rate.
+    pub fn rate_sigma(&self) -> f64 {
+        self.p[2].max(0.0).sqrt()
+    }
+
     /// While nobody is seen rates die out, so that a prediction does not run away round the ring.
     pub fn damp(&mut self, factor: f64) {
         self.rate *= factor;

@@ -11,7 +11,7 @@ pub struct View {
     pub height_m: Option<(f64, f64)>,
     /// Standard deviation of the horizon's elevation (radians): tilt that is not known.
     pub tilt_sigma_rad: f64,
-    /// A camera whose rows are read one after the other.
+    /// A camera whose rows or columns are read one after the other.
     rolling: Option<MountedCamera>,
 }
 
@@ -46,7 +46,7 @@ impl View {
             picture,
             height_m: mounting.height_m().map(|_| (camera.viewpoint_body_m().z, height_sigma_m)),
             tilt_sigma_rad: roll.hypot(pitch) / std::f64::consts::SQRT_2,
-            rolling: (camera.timing().readout_s > 0.0).then(|| camera.clone()),
+            rolling: is_rolling(camera).then(|| camera.clone()),
         }
     }
 
@@ -59,16 +59,15 @@ impl View {
         }
     }
 
-    /// How much later than the frame's capture time (mid-exposure of its middle row) a place was seen, seconds: a camera that
-    /// reads its rows one after the other sees what is on one side of the robot before what is on the other.
+    /// How much later than the frame's capture time a place was seen, seconds: a camera that reads its rows or columns one after
+    /// the other sees what is on one side of the robot before what is on the other.
     pub fn delay_s(&self, column: f64, row: f64) -> f64 {
         let Some(camera) = &self.rolling else { return 0.0 };
         let Some((bearing, elevation)) = self.angles_rad(column, row) else { return 0.0 };
         // Any distance will do: a row is some tens of microseconds.
         const AWAY_M: f64 = 5.0;
         let point = camera.viewpoint_body_m() + AWAY_M * crate::optics::direction(bearing, elevation);
-        let height = f64::from(camera.image_size_px()[1]);
-        camera.project_body(&point).map_or(0.0, |at| ((at.y + 0.5) / height - 0.5) * camera.timing().readout_s)
+        camera.project_body(&point).map_or(0.0, |at| camera.seen_after_s(&at))
     }
 
     /// Row of an elevation in a panorama; may lie outside of it. `None` in an image.
@@ -118,6 +117,13 @@ impl View {
     pub fn is_panoramic(&self) -> bool {
         matches!(self.picture, Picture::Panorama(_))
     }
+}
+
+/// Whether not all of a picture is seen at once.
+fn is_rolling(camera: &MountedCamera) -> bool {
+    let [w, h] = camera.image_size_px().map(f64::from);
+    let seen = |u: f64, v: f64| camera.seen_after_s(&nalgebra::Vector2::new(u, v)) != 0.0;
+    seen(0.0, 0.0) || seen(w - 1.0, h - 1.0)
 }
 
 #[cfg(test)]

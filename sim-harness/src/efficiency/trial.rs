@@ -295,6 +295,7 @@ fn problem(scene: &Scene, measurements: &[Measurement], measured: &[f64], sigma:
         camera_height_m: CAMERA_M,
         marker: marker.clone(),
         pose: None,
+        moved: None,
         nuisance: Nuisance::default(),
     };
     let mut sightings: Vec<Sighting> = Vec::new();
@@ -340,6 +341,7 @@ fn problem(scene: &Scene, measurements: &[Measurement], measured: &[f64], sigma:
         times: vec![None; targets.len()],
         targets,
         landmarks: Vec::new(),
+        paired: Vec::new(),
     }
 }
 

@@ -84,13 +84,28 @@ impl Rays {
         height_m: f64,
         ray: impl Fn(f64, f64) -> Option<(Vector3<f64>, Vector3<f64>)>,
     ) -> Self {
+        Self::of_camera_with_margin(size_px, [0; 2], height_m, ray)
+    }
+
+    /// The same with a margin of so many columns and rows on each side of the picture: lit, but not what the camera is for.
+    pub fn of_camera_with_margin(
+        size_px: [u32; 2],
+        margin_px: [usize; 2],
+        height_m: f64,
+        ray: impl Fn(f64, f64) -> Option<(Vector3<f64>, Vector3<f64>)>,
+    ) -> Self {
+        let [left, above] = margin_px.map(|m| m as f64);
+        let [width, height] = size_px.map(f64::from);
+        let ray = |x: f64, y: f64| ray(x - left, y - above);
         // A pixel is lit only with all its corners: its rays are mixed from theirs.
-        let pixel = |u: f64, v: f64| {
+        let pixel = |x: f64, y: f64| {
             let corners = [(-0.5, -0.5), (0.5, -0.5), (-0.5, 0.5), (0.5, 0.5)];
-            let is_lit = corners.iter().all(|(du, dv)| ray(u + du, v + dv).is_some());
-            PixelUse { is_lit, is_nominal: is_lit }
+            let is_lit = corners.iter().all(|(dx, dy)| ray(x + dx, y + dy).is_some());
+            let is_inside = (0.0..width).contains(&(x - left)) && (0.0..height).contains(&(y - above));
+            PixelUse { is_lit, is_nominal: is_lit && is_inside }
         };
-        let mut rays = Self::new(size_px, height_m, &ray, pixel);
+        let [wide, high] = [0, 1].map(|i| size_px[i] + 2 * margin_px[i] as u32);
+        let mut rays = Self::new([wide, high], height_m, ray, pixel);
         let angle = |i: u32| {
             let (u, v) = (i as usize % rays.width, i as usize / rays.width);
             let (a, b) = (ray(u as f64 - 0.5, v as f64)?.1, ray(u as f64 + 0.5, v as f64)?.1);

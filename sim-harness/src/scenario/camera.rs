@@ -3,6 +3,8 @@
 use protocol::id::RobotId;
 use serde::{Deserialize, Serialize};
 
+use super::OtherCamera;
+
 /// A PAL of two mirrors and a refracting ellipsoid, and the sensor behind it. The defaults are the project's reference
 /// design: 768×576, −15° … +20°.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -38,6 +40,8 @@ pub struct CameraSpec {
     pub blur_px: f64,
     /// Robots whose camera stands askew on its body.
     pub tilts: Vec<TiltSpec>,
+    /// Robots that have no PAL.
+    pub others: Vec<OtherCamera>,
 }
 
 /// A camera that stands askew on an upright robot, turned about its glass' focus V.
@@ -75,6 +79,7 @@ impl Default for CameraSpec {
             noise_gray: 2.0,
             blur_px: 0.8,
             tilts: Vec::new(),
+            others: Vec::new(),
         }
     }
 }
@@ -85,8 +90,11 @@ impl CameraSpec {
         self.tilts.iter().find(|t| t.robot == *robot).map_or([0.0; 2], |t| t.tilt_deg)
     }
 
-    /// As a robot's `camera.toml`: the truth but for a tilt that nobody knows of.
+    /// As a robot's `camera.toml`, whichever camera it has: the truth but for a tilt that nobody knows of.
     pub fn toml_of(&self, robot: &RobotId) -> String {
+        if let Some(other) = self.other(robot) {
+            return other.toml(self.height_m);
+        }
         let mut text = self.toml();
         if let Some(TiltSpec { tilt_deg: [roll, pitch], .. }) = self.tilts.iter().find(|t| t.robot == *robot && t.known)
         {

@@ -2,7 +2,7 @@
 
 use protocol::id::RobotId;
 
-use super::Scenario;
+use super::{EyeSpec, Scenario};
 
 /// A value that is not possible.
 pub(super) struct Fault {
@@ -161,7 +161,47 @@ fn camera(s: &Scenario) -> Result<(), Fault> {
             within(&format!("{key}.tilt_deg"), angle, -10.0, 10.0, "degrees")?;
         }
     }
+    others(s)
+}
+
+fn others(s: &Scenario) -> Result<(), Fault> {
+    let others = &s.camera.others;
+    for (n, other) in others.iter().enumerate() {
+        let key = format!("camera.others[{n}]");
+        known_robot(s, &key, &other.robot)?;
+        let robot_fault = |right: &str| {
+            Err(Fault { key: format!("{key}.robot"), value: other.robot.to_string(), right: right.to_owned() })
+        };
+        if others[..n].iter().any(|o| o.robot == other.robot) {
+            return robot_fault("each robot at most once");
+        }
+        if s.camera.tilts.iter().any(|t| t.robot == other.robot) {
+            return robot_fault("a robot without camera.tilts: only a PAL can be tilted");
+        }
+        let key = format!("{key}.camera");
+        match other.camera {
+            EyeSpec::Pinhole { image_size_px, field_deg } => {
+                if s.robots.drives.iter().any(|d| d.robot == other.robot) {
+                    return robot_fault("a robot that stands: one that looks one way loses the others when it drives");
+                }
+                size(&key, image_size_px)?;
+                within(&format!("{key}.field_deg"), field_deg, 20.0, 120.0, "degrees")?;
+            }
+            EyeSpec::Rotating { image_size_px, turn_s, elevation_deg: [low, high] } => {
+                size(&key, image_size_px)?;
+                within(&format!("{key}.turn_s"), turn_s, 0.02, 10.0, "seconds")?;
+                within(&format!("{key}.elevation_deg"), low, -60.0, high - 1.0, "degrees")?;
+                within(&format!("{key}.elevation_deg"), high, -59.0, 60.0, "degrees")?;
+            }
+        }
+    }
     Ok(())
+}
+
+fn size(key: &str, image_size_px: [u32; 2]) -> Result<(), Fault> {
+    image_size_px
+        .into_iter()
+        .try_for_each(|side| within(&format!("{key}.image_size_px"), f64::from(side), 64.0, 4096.0, "pixels"))
 }
 
 fn known_robot(s: &Scenario, key: &str, robot: &RobotId) -> Result<(), Fault> {

@@ -24,6 +24,7 @@ use tokio::sync::watch;
 
 use self::source::{Seen, SimulatedCamera};
 use super::frames::Ahead;
+use super::simulated::readout_ns;
 use super::{Outcome, TeamError, TeamSettings, camera, failed, leader_id, team_id};
 use crate::bandwidth::{Traffic, VideoRate};
 use crate::render::Renderer;
@@ -137,7 +138,7 @@ fn start_robots(
     for ((index, robot), renderer) in world.robots().iter().enumerate().zip(Renderer::team(world)) {
         let captures = robot.captures.iter().filter(|c| c.true_time_s <= duration_s).copied().collect();
         let mut agent_settings = AgentSettings::new(names[index], scenario.marker_of(&robot.id));
-        agent_settings.frame_rate_hz = scenario.capture.rate_hz;
+        agent_settings.frame_rate_hz = scenario.capture_of(&robot.id).rate_hz;
         let clock = Clock::with_offset_ns((robot.clock_offset_s * 1e9).round() as i64);
         let epoch = zero.0.wrapping_add(index as u64);
         let agent = Agent::new(agent_settings, camera(scenario, settings, &robot.id)?, epoch)?;
@@ -146,7 +147,8 @@ fn start_robots(
         let too_late =
             move |capture: &Capture| Clock::system().now() > zero.offset_by_secs(capture.true_time_s) + TOO_LATE;
         let pictures = Ahead::start(renderer, captures, too_late);
-        let camera = SimulatedCamera::new(pictures, zero, robot.clock_offset_s, seen.clone());
+        let readout = Duration::from_nanos(readout_ns(world, &robot.id));
+        let camera = SimulatedCamera::new(pictures, zero, robot.clock_offset_s, readout, seen.clone());
         let setup = agent_service::Setup {
             agent,
             source: Box::new(camera),
@@ -205,7 +207,7 @@ fn outcome(
     let mut notices: Vec<String> = leader.notices.iter().map(|n| format!("leader: {n}")).collect();
     // The leader's session also forwards everything to the observer, so its own count says nothing of the map's cost.
     add_traffic(&mut traffic, "leader", &leader.traffic, None);
-    let (mut glimpses, mut frames, mut late, mut jpeg, mut shown) = (Vec::new(), Vec::new(), 0, (0, 0), 0);
+    let (mut glimpses, mut frames, mut late, mut jpeg, mut shown) = (Vec::new(), Vec::new(), 0, (0, 0), Vec::new());
     let mut names = Vec::new();
     for (name, summary, seen) in finished {
         add_traffic(&mut traffic, name.as_str(), &summary.traffic, summary.wire);
@@ -219,7 +221,7 @@ fn outcome(
         }
         late += seen.late + seen.skipped;
         jpeg = (jpeg.0 + seen.jpeg.0, jpeg.1 + seen.jpeg.1);
-        shown += seen.glimpses.len();
+        shown.push(seen.glimpses.len());
         glimpses.push(seen.glimpses);
         frames.extend(seen.last.map(|frame| (name, frame)));
         names.push(name);
@@ -227,7 +229,8 @@ fn outcome(
     if leader.dropped > 0 {
         notices.push(format!("leader: {} messages dropped because it was too slow", leader.dropped));
     }
-    let [width, height] = world.camera().image_size_px;
+    let sizes = world.robots().iter().map(|r| world.camera().image_size_of(&r.id));
+    let video = VideoRate::of(shown.into_iter().zip(sizes), jpeg, duration_s);
     let from_capture: Vec<f64> = heard.maps.iter().map(|m| m.arrived.seconds_since(m.message.stamp) * 1e3).collect();
     let [p50, p99, _] = leader.map_latency_ms.map(f64::from);
     Outcome {
@@ -241,7 +244,7 @@ fn outcome(
         capture_to_map_ms: Latency::of(&from_capture),
         modelled: false,
         bandwidth: traffic.rates(duration_s),
-        video: VideoRate::of(shown, [width, height], jpeg, duration_s),
+        video,
         pictures,
         frames,
         notices,

@@ -30,13 +30,19 @@ use crate::world::World;
 use crate::world::robot::START_STAMP_S;
 
 /// Modelled: from mid-exposure to the picture in memory.
-pub const READOUT_NS: u64 = 10_000_000;
+const READOUT_NS: u64 = 10_000_000;
 /// Modelled: an agent's work on one picture.
 pub const FRAME_COST_NS: u64 = 20_000_000;
 /// Modelled: the leader's work on one observation, its map included.
 pub const OBSERVATION_COST_NS: u64 = 1_000_000;
 /// Deadlines are at least so far ahead: time goes on whatever a node wants.
 const LEAST_STEP_NS: u64 = 1_000_000;
+
+/// From the capture time to the picture in memory: of a camera that turns, the half of the turn that comes after it, too.
+pub(crate) fn readout_ns(world: &World, robot: &RobotId) -> u64 {
+    let turn_s = world.camera().other(robot).and_then(|eye| eye.turn_s()).unwrap_or(0.0);
+    READOUT_NS + (0.5e9 * turn_s) as u64
+}
 
 /// Everything that happens.
 enum Event {
@@ -102,12 +108,13 @@ impl Team {
         for ((index, robot), renderer) in world.robots().iter().enumerate().zip(Renderer::team(&world)) {
             let captures = robot.captures.iter().filter(|c| c.true_time_s <= duration_s).copied().collect();
             let mut agent_settings = AgentSettings::new(names[index], scenario.marker_of(&robot.id));
-            agent_settings.frame_rate_hz = scenario.capture.rate_hz;
+            agent_settings.frame_rate_hz = scenario.capture_of(&robot.id).rate_hz;
             let agent = Agent::new(agent_settings, camera(scenario, settings, &robot.id)?, index as u64 + 1)?;
             robots.push(RobotNode {
                 name: names[index],
                 agent,
                 clock_offset_s: robot.clock_offset_s,
+                readout_ns: readout_ns(&world, &robot.id),
                 pictures: Ahead::start(renderer, captures, |_| false),
                 next: None,
                 last: None,
@@ -156,7 +163,7 @@ impl Team {
         let robot = &mut self.robots[index];
         robot.next = robot.pictures.wait();
         if let Some(taken) = &robot.next {
-            let at = (taken.capture.true_time_s * 1e9) as VirtualNs + READOUT_NS;
+            let at = (taken.capture.true_time_s * 1e9) as VirtualNs + robot.readout_ns;
             self.events.push(at, Event::Picture(index));
         }
     }
@@ -378,9 +385,9 @@ impl Team {
                 }
             }
         }
-        let frames: usize = self.robots.iter().map(|r| r.glimpses.len()).sum();
-        let [width, height] = self.world.camera().image_size_px;
-        let video = VideoRate::of(frames, [width, height], self.jpeg, self.duration_s);
+        let sizes = self.world.robots().iter().map(|r| self.world.camera().image_size_of(&r.id));
+        let frames = self.robots.iter().map(|r| r.glimpses.len()).zip(sizes);
+        let video = VideoRate::of(frames, self.jpeg, self.duration_s);
         let raw = self.robots.iter_mut().filter_map(|r| r.last.take().map(|frame| (r.name, frame))).collect::<Vec<_>>();
         Ok(Outcome {
             scenario: self.scenario,

@@ -24,19 +24,21 @@ const PASSING_MARGIN_M: f64 = 0.9;
 const LEAST_ANGLE_RAD: f64 = 0.35;
 /// Least ratio of the longest to the shortest side of a triangle of robots.
 const LEAST_RATIO: f64 = 1.12;
+/// Of other robots' axes from the sides of the picture of one that looks one way.
+const VIEW_MARGIN_RAD: f64 = 0.12;
 const LAYOUTS: usize = 4000;
 const TRIES: usize = 60;
 
-/// First pose and drives of each robot.
+/// First pose and drives of each robot. Who looks one way, and half of how far, is turned so that all others are in its picture.
 pub(super) fn place(
     spec: &RobotsSpec,
-    ids: &[RobotId],
+    wanted: &[(RobotId, Option<f64>)],
     floor: &Floor,
     rng: &mut impl Rng,
 ) -> Result<Vec<Robot>, WorldError> {
     for _ in 0..LAYOUTS {
         let mut robots: Vec<Robot> = Vec::new();
-        for (n, id) in ids.iter().enumerate() {
+        for (n, (id, _)) in wanted.iter().enumerate() {
             let drives: Vec<DriveSpec> = spec.drives.iter().filter(|d| d.robot == *id).cloned().collect();
             let wear = Arc::new(spec.wear_of(id));
             let fixed = spec.poses.get(n).map(|[x, y, h]| [*x, *y, h.to_radians()]);
@@ -63,11 +65,27 @@ pub(super) fn place(
                 None => break,
             }
         }
-        if robots.len() == ids.len() {
+        if robots.len() == wanted.len() && turn_to_the_others(&mut robots, wanted, spec.poses.len()) {
             return Ok(robots);
         }
     }
-    Err(WorldError::NoRoomForRobots { count: ids.len(), apart_m: spec.apart_m, within_m: spec.within_m })
+    Err(WorldError::NoRoomForRobots { count: wanted.len(), apart_m: spec.apart_m, within_m: spec.within_m })
+}
+
+/// Turns who looks one way, but for those whose pose is given; `false` if somebody's picture cannot hold all others.
+fn turn_to_the_others(robots: &mut [Robot], wanted: &[(RobotId, Option<f64>)], given: usize) -> bool {
+    let stations: Vec<Vec<Vector2<f64>>> = robots.iter().map(Robot::stations).collect();
+    for (n, (robot, (_, half))) in robots.iter_mut().zip(wanted).enumerate().skip(given) {
+        let Some(half) = half else { continue };
+        let others = stations.iter().enumerate().filter(|(i, _)| *i != n).flat_map(|(_, s)| s);
+        let ways: Vec<Vector2<f64>> = others.map(|p| (p - stations[n][0]).normalize()).collect();
+        let middle: Vector2<f64> = ways.iter().sum();
+        robot.first_pose[2] = middle.y.atan2(middle.x);
+        if ways.iter().any(|way| way.angle(&middle) > half - VIEW_MARGIN_RAD) {
+            return false;
+        }
+    }
+    true
 }
 
 fn fits(robot: &Robot, others: &[Robot], spec: &RobotsSpec, floor: &Floor) -> bool {

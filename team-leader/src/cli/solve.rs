@@ -196,10 +196,11 @@ fn print(solution: &Solution, out: &mut impl Write) -> std::io::Result<()> {
         for p in &e.parts {
             writeln!(
                 out,
-                "  {:5.1} %  {:.4} m  {:<32}{}{}{}{}",
+                "  {:5.1} %  {:.4} m  {:<32}{}{}{}{}{}",
                 100.0 * p.share,
                 p.rms_m,
                 p.source,
+                p.probability.map_or_else(String::new, |p| format!("  wrong with {:.2} %", 100.0 * p)),
                 per(p.m_per_px, "px"),
                 per(p.m_per_deg, "°"),
                 per(p.m_per_m, "m"),

@@ -187,6 +187,7 @@ fn by_pair(
             covariance: Some([[cov[(0, 0)], cov[(0, 1)], 0.0], [cov[(1, 0)], cov[(1, 1)], 0.0], [0.0, 0.0, z_var]]),
             observers: observers(problem, target),
             time_s: None,
+            paired: Vec::new(),
             velocity_mps: None,
         },
     ))

@@ -75,6 +75,7 @@ impl Stage {
                 covariance: determined.then(|| rows(&self.target_covariance(t))),
                 observers: observers[t].iter().map(|r| problem.robots[*r].id.clone()).collect(),
                 time_s: problem.times[t],
+                paired: problem.paired_with(t),
                 velocity_mps: self.layout.targets[t][3].map(|_| [vx_mps, vy_mps]),
             }
         });

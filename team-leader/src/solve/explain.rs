@@ -10,6 +10,7 @@ use serde::{Deserialize, Serialize};
 use super::Stage;
 use super::input::Problem;
 use super::layout::Layout;
+use super::matching::{self, Doubt};
 use super::observability::dense;
 use super::terms::{Kind, Other, Term};
 use super::{joint, terms};
@@ -27,9 +28,10 @@ pub struct Explained {
     /// When, where it moves.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub time_s: Option<f64>,
-    /// Root mean square error along the floor if every measurement errs by its stated sigma, metres.
+    /// Root mean square error along the floor if every measurement errs by its stated sigma, and if bearings without a name may be
+    /// paired wrongly, metres.
     pub rms_m: f64,
-    /// The Cramér–Rao bound of it: the same with no measurement set aside, metres.
+    /// The Cramér–Rao bound of it: the same with no measurement set aside and no doubt about the pairing, metres.
     pub bound_m: f64,
     /// Parts, largest first. Their squares sum to that of `rms_m`.
     pub parts: Vec<Contribution>,
@@ -38,12 +40,16 @@ pub struct Explained {
 /// A source of error.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Contribution {
-    /// What: the baseline between two robots (its length and direction), a bearing, a clock, a bias.
+    /// What: the matching of bearings without a name, the baseline between two robots (its length and direction), the way of a robot between two places, a bearing, a clock,
+    /// a bias.
     pub source: String,
     /// Root mean square, metres.
     pub rms_m: f64,
     /// Part of the variance, 0 … 1.
     pub share: f64,
+    /// That bearings without a name were paired wrongly, 0 … 1, where that is the source.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub probability: Option<f64>,
     /// By how much the target moves if all its angles are off by a degree in the worst way, metres.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub m_per_deg: Option<f64>,
@@ -63,6 +69,7 @@ pub struct Contribution {
 struct Source {
     name: String,
     variance: f64,
+    probability: Option<f64>,
     per_rad: f64,
     per_m: f64,
     per_s: Option<[f64; 2]>,
@@ -86,12 +93,15 @@ impl Stage {
         }
         let bound = dense(&joint::normal(&self.terms, layout, state), layout).cholesky().map(|c| c.inverse());
         let (Some(cov), Some(bound)) = (weighted.cholesky().map(|c| c.inverse()), bound) else { return Vec::new() };
+        let poses: Vec<[f64; 3]> = state.poses.iter().map(|p| [p[0], p[1], p[2]]).collect();
+        let sigmas: Vec<(f64, f64)> = (0..poses.len()).map(|r| self.sigma(r)).collect();
+        let doubts = matching::doubts(problem, matching::Known { poses: &poses, sigmas: &sigmas });
         let located = (0..problem.targets.len()).filter(|t| self.located[*t]);
         located
             .filter_map(|t| {
                 let (x, y) = (layout.targets[t][0]?, layout.targets[t][1]?);
                 let place = cov.select_rows(&[x, y]);
-                let parts = self.parts(problem, &place, &rows);
+                let parts = self.parts(problem, &place, &rows, doubts[t]);
                 let variance = |c: &DMatrix<f64>| c[(x, x)] + c[(y, y)];
                 Some(Explained {
                     target: problem.targets[t].clone(),
@@ -105,13 +115,20 @@ impl Stage {
     }
 
     /// Every source of a target's error, whose rows of the covariance are `place`.
-    fn parts(&self, problem: &Problem, place: &DMatrix<f64>, rows: &[DVector<f64>]) -> Vec<Contribution> {
+    fn parts(
+        &self,
+        problem: &Problem,
+        place: &DMatrix<f64>,
+        rows: &[DVector<f64>],
+        doubt: Option<Doubt>,
+    ) -> Vec<Contribution> {
         let mut sources: Vec<Source> = Vec::new();
         for ((term, row), weight) in self.terms.iter().zip(rows).zip(&self.joint.weights) {
             let g = place * row * *weight;
             let source = source(&mut sources, name(term, problem));
             source.variance += g.norm_squared();
             match term.kind {
+                Kind::Way { .. } => {}
                 Kind::Range => source.per_m += g.norm() / term.sigma,
                 _ => source.per_rad += g.norm() / term.sigma,
             }
@@ -130,6 +147,11 @@ impl Stage {
             let part = source(&mut sources, format!("{what} of {} (as known before)", problem.robots[robot].id));
             part.variance += place.column(column).norm_squared() * sigma.powi(-2);
         }
+        if let Some(doubt) = doubt {
+            let part = source(&mut sources, "matching".to_owned());
+            part.variance += doubt.square_m2;
+            part.probability = Some(doubt.probability);
+        }
         let total: f64 = sources.iter().map(|s| s.variance).sum();
         let some = |v: f64| (v > 0.0).then_some(v);
         let degree = 1f64.to_radians();
@@ -139,6 +161,7 @@ impl Stage {
                 source: s.name,
                 rms_m: s.variance.sqrt(),
                 share: s.variance / total,
+                probability: s.probability,
                 m_per_deg: some(s.per_rad * degree),
                 m_per_px: some(s.per_rad * degree * PIXEL_DEG),
                 m_per_m: some(s.per_m),
@@ -161,6 +184,7 @@ fn source(sources: &mut Vec<Source>, name: String) -> &mut Source {
 fn name(term: &Term, problem: &Problem) -> String {
     let me = &problem.robots[term.observer].id;
     match term.other {
+        Other::Robot(r) if matches!(term.kind, Kind::Way { .. }) => format!("way {me} {}", problem.robots[r].id),
         Other::Robot(r) => {
             let (a, b) = (term.observer.min(r), term.observer.max(r));
             format!("baseline {} {}", problem.robots[a].id, problem.robots[b].id)

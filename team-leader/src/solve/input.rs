@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 
+use nalgebra::Matrix3;
 use protocol::angle::wrap;
 use protocol::frames::Pose2;
 use protocol::marker::Marker;
@@ -51,10 +52,28 @@ pub struct RawRobot {
     pub marker: Option<Marker>,
     /// Known pose: held fixed.
     pub pose: Option<RawPose>,
+    /// It is another of the robots, listed before it, at a later place. Camera height and marker are that one's if not given.
+    pub moved_from: Option<RawMoved>,
     /// A priori sigma of an error that all bearings of this robot share; makes it an unknown.
     pub bearing_bias_sigma_deg: Option<f64>,
     /// A priori sigma of by how much its stamps are late; makes it an unknown. Needs bearings with `time_s`.
     pub time_offset_sigma_s: Option<f64>,
+}
+
+/// The way to a later place as written, in the body frame at the earlier one.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct RawMoved {
+    /// Who it was.
+    pub robot: String,
+    /// Forward.
+    pub dx_m: f64,
+    /// To the left.
+    pub dy_m: f64,
+    /// Counter-clockwise.
+    pub dheading_deg: f64,
+    /// Of the three: m and rad.
+    pub covariance: [[f64; 3]; 3],
 }
 
 /// A pose as written.
@@ -163,8 +182,21 @@ pub struct Robot {
     pub marker: Marker,
     /// Held fixed.
     pub pose: Option<Pose2>,
+    /// Another robot at a later place.
+    pub moved: Option<Moved>,
     /// Errors of its measurements that are unknowns.
     pub nuisance: Nuisance,
+}
+
+/// The way of a robot from one place to another.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Moved {
+    /// Index of the robot where it was, less than its own.
+    pub from: usize,
+    /// Forward, to the left (m), counter-clockwise (rad), in the body frame where it was.
+    pub step: [f64; 3],
+    /// Of the step.
+    pub covariance: Matrix3<f64>,
 }
 
 /// A sighting, radians and metres.
@@ -255,6 +287,8 @@ pub struct Problem {
     pub times: Vec<Option<f64>>,
     /// Landmarks.
     pub landmarks: Vec<Landmark>,
+    /// Of each bearing, whether its target was found by [`super::pairing`]; empty before that.
+    pub paired: Vec<bool>,
 }
 
 impl Problem {
@@ -266,7 +300,10 @@ impl Problem {
 
     /// Checks one problem.
     pub fn check(raw: &RawProblem) -> Result<Self, SolveError> {
-        let robots = raw.robots.iter().map(check_robot).collect::<Result<Vec<_>, _>>()?;
+        let mut robots: Vec<Robot> = Vec::with_capacity(raw.robots.len());
+        for robot in &raw.robots {
+            robots.push(check_robot(robot, &robots)?);
+        }
         if robots.is_empty() {
             return Err(SolveError::Missing("robots"));
         }
@@ -305,10 +342,12 @@ impl Problem {
         for (k, s) in raw.sightings.iter().enumerate() {
             let observer = robot_of(&s.observer, format!("sightings[{k}].observer"))?;
             let peer = s.peer.as_ref().map(|id| robot_of(id, format!("sightings[{k}].peer"))).transpose()?;
-            if peer == Some(observer) {
+            if let (Some(peer), Some(name)) = (peer, &s.peer)
+                && first_place(&robots, peer) == first_place(&robots, observer)
+            {
                 return Err(SolveError::Value {
                     place: format!("sightings[{k}].peer"),
-                    value: s.observer.clone(),
+                    value: name.clone(),
                     right: "another robot than the observer",
                 });
             }
@@ -336,7 +375,13 @@ impl Problem {
             });
         }
         let times = vec![None; targets.len()];
-        Ok(Self { robots, anchor, sightings, bearings, targets, times, landmarks })
+        Ok(Self { robots, anchor, sightings, bearings, targets, times, landmarks, paired: Vec::new() })
+    }
+
+    /// The bearings that were found to be of a target.
+    pub fn paired_with(&self, target: usize) -> Vec<usize> {
+        let is_its = |b: &usize| self.paired[*b] && self.bearings[*b].target == Some(target);
+        (0..self.paired.len()).filter(is_its).collect()
     }
 
     /// Targets whose bearings have times become one for each [`PIECE_S`] of their way, in which they go straight on.
@@ -375,9 +420,55 @@ impl Problem {
     }
 }
 
-fn check_robot(raw: &RawRobot) -> Result<Robot, SolveError> {
+/// The robot of which this one is a later place, or itself.
+fn first_place(robots: &[Robot], mut robot: usize) -> usize {
+    while let Some(moved) = &robots[robot].moved {
+        robot = moved.from;
+    }
+    robot
+}
+
+fn check_moved(raw: &RawMoved, place: impl Fn(&str) -> String, before: &[Robot]) -> Result<Moved, SolveError> {
+    let from = before.iter().position(|r| r.id == raw.robot).ok_or_else(|| SolveError::Value {
+        place: place("moved_from.robot"),
+        value: format!("{:?}", raw.robot),
+        right: "a robot that is listed before it",
+    })?;
+    let number = |value: f64, key: &str| finite(value, || place(&format!("moved_from.{key}")));
+    let step = [
+        number(raw.dx_m, "dx_m")?,
+        number(raw.dy_m, "dy_m")?,
+        wrap(number(raw.dheading_deg, "dheading_deg")?.to_radians()),
+    ];
+    let covariance = Matrix3::from_fn(|r, c| raw.covariance[r][c]);
+    let symmetric = (covariance - covariance.transpose()).amax() <= 1e-9 * covariance.amax();
+    if !(symmetric && covariance.iter().all(|v| v.is_finite()) && covariance.cholesky().is_some()) {
+        return Err(SolveError::Value {
+            place: place("moved_from.covariance"),
+            value: format!("{:?}", raw.covariance),
+            right: "a symmetric, positive definite matrix of m and rad",
+        });
+    }
+    Ok(Moved { from, step, covariance })
+}
+
+fn check_robot(raw: &RawRobot, before: &[Robot]) -> Result<Robot, SolveError> {
     let place = |field: &str| format!("robots[{}].{field}", raw.id);
-    let marker = raw.marker.clone().unwrap_or(Marker::Cylinder { radius_m: 0.2, height_m: [0.1, 0.5], look: None });
+    let moved = raw.moved_from.as_ref().map(|moved| check_moved(moved, place, before)).transpose()?;
+    if moved.is_some() && (raw.bearing_bias_sigma_deg.is_some() || raw.time_offset_sigma_s.is_some()) {
+        return Err(SolveError::Value {
+            place: place("bearing_bias_sigma_deg or time_offset_sigma_s"),
+            value: "given again".into(),
+            right: "to say it once, where the robot is listed first: a camera keeps its errors",
+        });
+    }
+    let earlier = moved.map(|m| &before[m.from]);
+    let marker = raw.marker.clone().or_else(|| earlier.map(|r| r.marker.clone())).unwrap_or(Marker::Cylinder {
+        radius_m: 0.2,
+        height_m: [0.1, 0.5],
+        look: None,
+    });
+    let camera_height_m = raw.camera_height_m.or(earlier.map(|r| r.camera_height_m)).unwrap_or(0.6);
     marker.validate().map_err(|e| SolveError::Value {
         place: place("marker"),
         value: e.to_string(),
@@ -394,9 +485,10 @@ fn check_robot(raw: &RawRobot) -> Result<Robot, SolveError> {
     let sigma = |value: Option<f64>, key: &str| value.map(|s| positive(s, || place(key))).transpose();
     Ok(Robot {
         id: raw.id.clone(),
-        camera_height_m: positive(raw.camera_height_m.unwrap_or(0.6), || place("camera_height_m"))?,
+        camera_height_m: positive(camera_height_m, || place("camera_height_m"))?,
         marker,
         pose,
+        moved,
         nuisance: Nuisance {
             bias_rad: sigma(raw.bearing_bias_sigma_deg, "bearing_bias_sigma_deg")?.map(f64::to_radians),
             offset_s: sigma(raw.time_offset_sigma_s, "time_offset_sigma_s")?,

@@ -53,13 +53,30 @@ pub struct Layout {
 impl Layout {
     /// `held`: robots of known pose; `nuisances`: of each robot; `free`: which numbers of each target are unknown.
     pub fn new(held: &[bool], nuisances: &[Nuisance], free: &[[bool; TARGET]]) -> Self {
+        Self::with_places(held, nuisances, &vec![None; held.len()], free)
+    }
+
+    /// The same with robots that are another one at a later place (`earlier`, which stands before them): they share its bias and
+    /// its time offset.
+    pub fn with_places(
+        held: &[bool],
+        nuisances: &[Nuisance],
+        earlier: &[Option<usize>],
+        free: &[[bool; TARGET]],
+    ) -> Self {
         let mut layout = Self::default();
         let mut next = 0;
         let mut column = |free: bool| {
             next += usize::from(free);
             free.then(|| next - 1)
         };
-        for (robot, (held, nuisance)) in held.iter().zip(nuisances).enumerate() {
+        for (robot, ((held, nuisance), earlier)) in held.iter().zip(nuisances).zip(earlier).enumerate() {
+            if let Some(earlier) = earlier {
+                let place = [!held; 3].map(&mut column);
+                let before: [Option<usize>; ROBOT] = layout.robots[*earlier];
+                layout.robots.push([place[0], place[1], place[2], before[3], before[4]]);
+                continue;
+            }
             let columns =
                 [!held, !held, !held, nuisance.bias_rad.is_some(), nuisance.offset_s.is_some()].map(&mut column);
             for (k, sigma) in [(3, nuisance.bias_rad), (4, nuisance.offset_s)] {
@@ -70,7 +87,7 @@ impl Layout {
             layout.robots.push(columns);
         }
         layout.targets = Vec::with_capacity(free.len());
-        let robots: usize = layout.robots.iter().flatten().flatten().count();
+        let robots = layout.robots.iter().flatten().flatten().max().map_or(0, |last| last + 1);
         for free in free {
             layout.targets.push(free.map(&mut column));
         }

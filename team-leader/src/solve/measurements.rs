@@ -2,7 +2,7 @@
 
 use protocol::marker::Marker;
 
-use super::input::{Part, Problem, Sighting};
+use super::input::{Moved, Part, Problem, Sighting};
 use super::terms::{Kind, Other, Term};
 
 /// All measurements between things that take part, and which targets do.
@@ -11,6 +11,11 @@ pub fn terms_of(problem: &Problem, placed: &[bool]) -> (Vec<Term>, Vec<bool>) {
     for s in &problem.sightings {
         let Some(peer) = s.peer.filter(|p| placed[*p] && placed[s.observer]) else { continue };
         sighting_terms(problem, s, peer, &mut terms);
+    }
+    for (robot, moved) in problem.robots.iter().enumerate() {
+        if let Some(moved) = moved.moved.filter(|m| placed[robot] && placed[m.from]) {
+            way_terms(&moved, robot, &mut terms);
+        }
     }
     let m = problem.targets.len();
     let (mut known, mut flat) = (vec![false; m], vec![false; m]);
@@ -38,6 +43,17 @@ pub fn terms_of(problem: &Problem, placed: &[bool]) -> (Vec<Term>, Vec<bool>) {
         }
     }
     (terms, located)
+}
+
+/// The way of a robot from one place to the next, whitened.
+fn way_terms(moved: &Moved, robot: usize, terms: &mut Vec<Term>) {
+    // The covariance was checked to be one when the file was read.
+    let Some(whitening) = moved.covariance.cholesky().and_then(|c| c.l().try_inverse()) else { return };
+    for row in whitening.row_iter() {
+        let kind = Kind::Way { step: moved.step, weights: [row[0], row[1], row[2]] };
+        let (observer, other) = (moved.from, Other::Robot(robot));
+        terms.push(Term { observer, other, kind, measured: 0.0, sigma: 1.0, since_s: 0.0 });
+    }
 }
 
 /// The features are the measurement where there are any; else bearing, range, heading.

@@ -121,6 +121,9 @@ pub struct SolvedTarget {
     /// When it is there, where its bearings have times.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub time_s: Option<f64>,
+    /// Which of the file's bearings (counted from 0) without a name were taken for its own.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub paired: Vec<usize>,
     /// Velocity x, y, where bearings of several instants tell it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub velocity_mps: Option<[f64; 2]>,

@@ -42,6 +42,7 @@ pub fn pair(problem: &mut Problem, poses: &[[f64; 3]], pose_sigma: &[(f64, f64)]
     }
     groups.sort_by(|x, y| y.members.len().cmp(&x.members.len()).then(x.cost.total_cmp(&y.cost)));
     let mut taken = vec![false; problem.bearings.len()];
+    problem.paired = vec![false; problem.bearings.len()];
     let mut left_open = false;
     let mut next = 1;
     for (k, group) in groups.iter().enumerate() {
@@ -70,6 +71,7 @@ pub fn pair(problem: &mut Problem, poses: &[[f64; 3]], pose_sigma: &[(f64, f64)]
         problem.times.push(group.members.iter().find_map(|m| problem.bearings[*m].time_s));
         for &m in &group.members {
             taken[m] = true;
+            problem.paired[m] = true;
             problem.bearings[m].target = Some(problem.targets.len() - 1);
         }
     }

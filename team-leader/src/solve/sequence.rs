@@ -103,6 +103,13 @@ impl Sequence {
             self.anchor.clone_from(&raw.anchor);
         }
         let problem = Problem::check(&raw)?;
+        if let Some(robot) = problem.robots.iter().find(|r| r.moved.is_some()) {
+            return Err(SolveError::Value {
+                place: format!("robots[{}].moved_from", robot.id),
+                value: "given".into(),
+                right: "`odometry` in the lines of a sequence",
+            });
+        }
         let ids = names(&problem)?;
         let at = Timestamp::from_secs_f64(1.0 + time_s);
         self.tracks.resize(problem.robots.len(), Tracks::default());

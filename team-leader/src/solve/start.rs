@@ -208,7 +208,7 @@ pub fn tree(problem: &Problem, held: &[Option<Pose2>]) -> Vec<Option<Pose2>> {
         *pose = among_landmarks(problem, robot);
     }
     loop {
-        let mut added = false;
+        let mut added = along_ways(problem, &mut poses);
         for j in 0..poses.len() {
             if poses[j].is_some() {
                 continue;
@@ -239,6 +239,22 @@ pub fn tree(problem: &Problem, held: &[Option<Pose2>]) -> Vec<Option<Pose2>> {
             return poses;
         }
     }
+}
+
+/// Places before and after the ways that robots went, where one of the two is known; whether there were any.
+fn along_ways(problem: &Problem, poses: &mut [Option<Pose2>]) -> bool {
+    let mut added = false;
+    for (j, robot) in problem.robots.iter().enumerate() {
+        let Some(moved) = &robot.moved else { continue };
+        let way = Pose2::new(moved.step[0], moved.step[1], moved.step[2]);
+        match (poses[moved.from], poses[j]) {
+            (Some(from), None) => poses[j] = Some(from * way),
+            (None, Some(to)) => poses[moved.from] = Some(to * way.inverse()),
+            _ => continue,
+        }
+        added = true;
+    }
+    added
 }
 
 /// Where a robot sees three landmarks or more.

@@ -53,6 +53,14 @@ pub enum Kind {
     },
     /// Heading of the other minus the observer's.
     Heading,
+    /// A number of the way from the observer to the other, who is the same robot later: weights times (way − `step`), where the
+    /// way is x, y and turn in the observer's body frame. Three such numbers, whitened, are an odometry with its covariance.
+    Way {
+        /// As measured: m, m, rad.
+        step: [f64; 3],
+        /// A row of L⁻¹, where L Lᵀ is the covariance.
+        weights: [f64; 3],
+    },
     /// Elevation of a target.
     Elevation {
         /// Of the observer's camera.
@@ -144,6 +152,9 @@ impl Term {
 
     /// Predicts from the observer's pose and the other's pose (or point).
     pub fn predict(&self, observer: [f64; 3], other: [f64; 3]) -> Prediction {
+        if let Kind::Way { step, weights } = self.kind {
+            return way(observer, other, step, weights);
+        }
         // The point that is looked at, and its derivative to the other's heading.
         let body = match self.kind {
             Kind::BodyPoint { at_m } | Kind::BodyPointElevation { at_m, .. } => at_m,
@@ -184,7 +195,7 @@ impl Term {
                 let (value, slope, to_z) = elevation(other[2] - camera_m, range);
                 (value, scaled(d_observer, slope), d_point.map(|x| slope * x), to_z)
             }
-            Kind::Heading => (other[2] - observer[2], [0.0, 0.0, -1.0], [0.0, 0.0], 1.0),
+            Kind::Heading | Kind::Way { .. } => (other[2] - observer[2], [0.0, 0.0, -1.0], [0.0, 0.0], 1.0),
         };
         let residual = predicted - self.measured;
         let third = if turn { to_point[0] * by_heading[0] + to_point[1] * by_heading[1] } else { third };
@@ -193,6 +204,19 @@ impl Term {
             observer: to_observer,
             other: [to_point[0], to_point[1], third],
         }
+    }
+}
+
+/// The weighted difference of a way and its measurement.
+fn way(from: [f64; 3], to: [f64; 3], step: [f64; 3], [wx, wy, wh]: [f64; 3]) -> Prediction {
+    let (s, c) = from[2].sin_cos();
+    let (dx, dy) = (to[0] - from[0], to[1] - from[1]);
+    let (ahead, aside) = (c * dx + s * dy, c * dy - s * dx);
+    let to_point = [wx * c - wy * s, wx * s + wy * c];
+    Prediction {
+        residual: wx * (ahead - step[0]) + wy * (aside - step[1]) + wh * wrap(to[2] - from[2] - step[2]),
+        observer: [-to_point[0], -to_point[1], wx * aside - wy * ahead - wh],
+        other: [to_point[0], to_point[1], wh],
     }
 }
 
@@ -225,6 +249,7 @@ mod tests {
             Kind::BodyPoint { at_m: [0.15, -0.1] },
             Kind::BodyPointElevation { at_m: [0.15, -0.1], z_m: 0.3, camera_m: 0.6 },
             Kind::Heading,
+            Kind::Way { step: [1.0, 0.5, -0.3], weights: [2.0, -3.0, 5.0] },
             Kind::Elevation { camera_m: 0.6 },
         ] {
             let term = Term { observer: 0, other: Other::Robot(1), kind, measured: 0.1, sigma: 1.0, since_s: 0.0 };

@@ -4,6 +4,7 @@ use super::*;
 
 mod bad_input;
 mod over_time;
+mod places;
 
 /// Robots at true poses; numbers straight from atan2 and asin.
 struct World {

@@ -109,6 +109,7 @@ pub fn measurement(term: &Term, residual: f64, problem: &Problem) -> String {
         Kind::Range => "range",
         Kind::Width { .. } => "width",
         Kind::Heading => "heading",
+        Kind::Way { .. } => "way",
         _ => "elevation",
     };
     let whom = match term.other {

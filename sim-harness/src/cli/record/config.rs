@@ -10,7 +10,7 @@ use crate::world::robot::START_STAMP_S;
 pub fn agent_toml(id: RobotId, clock_offset_s: f64, scenario: &Scenario) -> String {
     // The recording's zero on the clock that the robot had then: the replaying host has but one clock.
     let recording_start_ns = ((START_STAMP_S + clock_offset_s) * 1e9).round().max(0.0) as u64;
-    let rate_hz = scenario.capture.rate_hz;
+    let rate_hz = scenario.capture_of(&id).rate_hz;
     let marker = toml::Value::try_from(scenario.marker_of(&id)).map(|marker| marker.to_string()).unwrap_or_default();
     format!(
         "[robot]\nid = \"{id}\"\nteam = \"demo\"\ncamera = \"camera.toml\"\nmarker = {marker}\n\n[capture]\nsource = \"frames\"\nframe_rate_hz = {rate_hz:?}\nreplay_start = \"leader\"\nrecording_start = {recording_start_ns}\n"

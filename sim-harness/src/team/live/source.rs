@@ -9,7 +9,6 @@ use robot_agent::agent::Frame;
 use robot_agent::service::{Captured, LONGEST_WAIT, LiveSource};
 
 use super::super::frames::{Ahead, Next, Taken};
-use super::super::simulated::READOUT_NS;
 use super::super::truth::Glimpse;
 
 /// A picture handed over so much after its time is late.
@@ -36,14 +35,21 @@ pub(super) struct SimulatedCamera {
     pictures: Ahead,
     zero: Timestamp,
     clock_offset_s: f64,
+    readout: Duration,
     seen: Arc<Mutex<Seen>>,
     next: Option<Taken>,
 }
 
 impl SimulatedCamera {
-    /// `zero`: the scenario's start on the host's clock.
-    pub fn new(pictures: Ahead, zero: Timestamp, clock_offset_s: f64, seen: Arc<Mutex<Seen>>) -> Self {
-        Self { pictures, zero, clock_offset_s, seen, next: None }
+    /// `zero`: the scenario's start on the host's clock; `readout`: from a capture time to the picture in memory.
+    pub fn new(
+        pictures: Ahead,
+        zero: Timestamp,
+        clock_offset_s: f64,
+        readout: Duration,
+        seen: Arc<Mutex<Seen>>,
+    ) -> Self {
+        Self { pictures, zero, clock_offset_s, readout, seen, next: None }
     }
 }
 
@@ -58,7 +64,7 @@ impl LiveSource for SimulatedCamera {
             },
         };
         let capture = self.zero.offset_by_secs(taken.capture.true_time_s + self.clock_offset_s);
-        let due = capture + Duration::from_nanos(READOUT_NS);
+        let due = capture + self.readout;
         let wait = clock.until(due);
         if wait > LONGEST_WAIT {
             std::thread::sleep(LONGEST_WAIT);

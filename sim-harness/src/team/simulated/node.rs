@@ -16,6 +16,8 @@ pub(super) struct RobotNode {
     pub agent: Agent,
     /// Its clock minus true time.
     pub clock_offset_s: f64,
+    /// From a capture time to the picture in memory.
+    pub readout_ns: u64,
     pub pictures: Ahead,
     /// The picture that comes next.
     pub next: Option<Taken>,
