@@ -43,10 +43,12 @@ pub fn pair(problem: &mut Problem, poses: &[[f64; 3]], pose_sigma: &[(f64, f64)]
     groups.sort_by(|x, y| y.members.len().cmp(&x.members.len()).then(x.cost.total_cmp(&y.cost)));
     let mut taken = vec![false; problem.bearings.len()];
     problem.paired = vec![false; problem.bearings.len()];
+    // Members of a group that was left open are of it or of its rival, and of nothing smaller.
+    let mut contested = vec![0; problem.bearings.len()];
     let mut left_open = false;
     let mut next = 1;
     for (k, group) in groups.iter().enumerate() {
-        if group.members.iter().any(|&m| taken[m]) {
+        if group.members.iter().any(|&m| taken[m] || contested[m] > group.members.len()) {
             continue;
         }
         let rival = groups.iter().enumerate().any(|(o, g)| {
@@ -58,6 +60,7 @@ pub fn pair(problem: &mut Problem, poses: &[[f64; 3]], pose_sigma: &[(f64, f64)]
         });
         if rival {
             left_open = true;
+            group.members.iter().for_each(|&m| contested[m] = contested[m].max(group.members.len()));
             continue;
         }
         let name = loop {

@@ -91,12 +91,11 @@ fn at(frame: usize) -> Timestamp {
     Timestamp::from_secs_f64(1.0 + 0.04 * frame as f64)
 }
 
+/// First column, width, first and last row.
+type Box = [usize; 4];
+
 /// Runs both on the same pictures; boxes with and without rest, and the share worked, of each frame after the first 80.
-fn both(
-    frames: usize,
-    seed: u64,
-    scene: impl Fn(usize) -> (Vec<Walker>, f64),
-) -> Vec<(Vec<[usize; 4]>, Vec<[usize; 4]>, f64)> {
+fn both(frames: usize, seed: u64, scene: impl Fn(usize) -> (Vec<Walker>, f64)) -> Vec<(Vec<Box>, Vec<Box>, f64)> {
     let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(seed);
     let (mut resting, mut whole) = (Eye::new(true), Eye::new(false));
     (0..frames)
@@ -113,7 +112,7 @@ fn both(
 }
 
 /// Left and right column counted from 600 round the ring, first and last row of all boxes.
-fn around(boxes: &[[usize; 4]]) -> Option<[usize; 4]> {
+fn around(boxes: &[Box]) -> Option<[usize; 4]> {
     boxes
         .iter()
         .map(|[start, width, top, bottom]| {
