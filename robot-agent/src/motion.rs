@@ -396,9 +396,9 @@ impl MotionStage {
 
         let before = self.motion;
         self.motion = if self.settings.own_motion {
-            let Self { own_motion, before, picture, background, first, state, noise_sigma, work, .. } = self;
+            let Self { own_motion, before, picture, background, first, state, noise_sigma, .. } = self;
             let anchor = anchor(*state, background, first);
-            own_motion.step(picture, before, anchor, *noise_sigma, work.is_quiet(), capture)
+            own_motion.step(picture, before, anchor, *noise_sigma, capture)
         } else {
             Motion::Standing
         };

@@ -55,8 +55,6 @@ const LEFT_SHARE: f64 = 0.25;
 const STILL_SHARE: f64 = 0.5;
 /// A standing robot is compared with its anchor so often at most, seconds: a fast camera's frames say nothing new.
 const COMPARE_S: f64 = 0.07;
-/// The same while the camera's own picture shows what it showed: a slow drive needs as long to leave the anchor unseen.
-const COMPARE_QUIET_S: f64 = 0.27;
 /// Frames in a row that decide.
 const FRAMES_TO_LEAVE: u32 = 2;
 const FRAMES_TO_STAND: u32 = 3;
@@ -70,8 +68,8 @@ pub(crate) enum Anchor<'a> {
     Background(&'a [u16]),
 }
 
-fn is_soon(elapsed_s: f64, quiet: bool) -> bool {
-    (0.0..if quiet { COMPARE_QUIET_S } else { COMPARE_S }).contains(&elapsed_s)
+fn is_soon(elapsed_s: f64) -> bool {
+    (0.0..COMPARE_S).contains(&elapsed_s)
 }
 
 /// The judge of own motion, with its memory.
@@ -91,19 +89,17 @@ impl OwnMotion {
     }
 
     /// Judge a picture. `before`: the one before, empty where there is none; `anchor`: the background, where there is one;
-    /// `noise_sigma`: grey levels; `quiet`: next to nothing has changed in the camera's picture.
+    /// `noise_sigma`: grey levels.
     pub(crate) fn step(
         &mut self,
         picture: &[u8],
         before: &[u8],
         anchor: Option<Anchor<'_>>,
         noise_sigma: f64,
-        quiet: bool,
         capture: Timestamp,
     ) -> Motion {
         match (self.state, anchor) {
-            (Motion::Standing, Some(_))
-                if self.compared.is_some_and(|c| is_soon(capture.seconds_since(c), quiet && self.count == 0)) => {}
+            (Motion::Standing, Some(_)) if self.compared.is_some_and(|c| is_soon(capture.seconds_since(c))) => {}
             (Motion::Standing, Some(anchor)) => {
                 self.compared = Some(capture);
                 let c = self.compare(anchor, picture, ANCHOR_TOLERANCE_PX, noise_sigma, Some(LEFT_SHARE));

@@ -24,8 +24,6 @@ const MOST_REST: usize = 12;
 const WARM_FRAMES: u8 = 4;
 /// Pixels round an object within which cells are worked.
 const MARGIN: usize = 8;
-/// A picture in which at most one cell of so many has changed is quiet.
-const QUIET: usize = 50;
 /// A picture of which a larger share of cells changes is worked whole.
 const MOST_CHANGED: f64 = 0.4;
 
@@ -163,12 +161,6 @@ impl Work {
         for cell in self.cells.iter_mut().filter(|cell| **cell == Cell::Rests) {
             *cell = Cell::Drawn;
         }
-    }
-
-    /// Whether next to nothing has changed but where something was already.
-    pub(super) fn is_quiet(&self) -> bool {
-        let drawn = self.cells.iter().filter(|cell| **cell == Cell::Drawn).count();
-        !self.whole && QUIET * drawn <= self.cells.len()
     }
 
     /// After all changes are known: where nearly everything changes, everything is worked.
