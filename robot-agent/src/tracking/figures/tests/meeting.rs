@@ -33,14 +33,14 @@ fn each_of_two_is_where_the_marks_look_like_him() {
     }
 }
 
-/// Two come up to each other, one stands behind the other for as long, and they go: back, or on. The numbers before and after,
-/// of the one behind and of the one in front.
-fn meet(middle_deg: f64, stand_s: f64, back: bool) -> [[Option<TrackId>; 2]; 2] {
+/// Two come up to each other, one stands behind the other for as long, and they go: back, or on. The numbers before, 0.6 s after
+/// they part and 3 s after, of the one behind and of the one in front.
+fn meet(middle_deg: f64, stand_s: f64, back: bool) -> [[Option<TrackId>; 2]; 3] {
     const WALK_S: f64 = 3.0;
     const DEG_S: f64 = 18.0;
     let mut room = Room::new([-15.0, 20.0]);
     let mut tracker = Tracker::new(room.raster, room.view.clone(), TrackerSettings::default());
-    let mut ids = [[None; 2]; 2];
+    let mut ids = [[None; 2]; 3];
     let frames = ((2.0 * WALK_S + stand_s) * 10.0) as i32;
     for frame in 0..=frames {
         let t = f64::from(frame) * 0.1;
@@ -61,10 +61,9 @@ fn meet(middle_deg: f64, stand_s: f64, back: bool) -> [[Option<TrackId>; 2]; 2] 
             (found.len() == 1).then(|| found[0])
         };
         // Some frames before they come together, and some after they have parted.
-        if frame == 15 {
-            ids[0] = [at(&behind), at(&front)];
-        } else if frame == frames {
-            ids[1] = [at(&behind), at(&front)];
+        let asked = [15, ((WALK_S + stand_s + 0.6) * 10.0).round() as i32, frames];
+        if let Some(n) = asked.iter().position(|f| *f == frame) {
+            ids[n] = [at(&behind), at(&front)];
         }
     }
     ids
@@ -73,9 +72,18 @@ fn meet(middle_deg: f64, stand_s: f64, back: bool) -> [[Option<TrackId>; 2]; 2] 
 #[test]
 fn two_who_pass_keep_their_numbers_and_so_do_two_who_turn_back_on_the_seam() {
     for (middle_deg, back) in [(20.0, false), (180.0, true)] {
-        let [before, after] = meet(middle_deg, 0.5, back);
+        let [before, soon, after] = meet(middle_deg, 0.5, back);
         assert!(before.iter().all(Option::is_some), "at {middle_deg}°: {before:?}");
-        assert_eq!(before, after, "at {middle_deg}°, back {back}");
+        assert_eq!([before, before], [soon, after], "at {middle_deg}°, back {back}");
+    }
+}
+
+#[test]
+fn who_stood_behind_somebody_for_long_comes_out_under_his_number() {
+    for (middle_deg, back) in [(-60.0, true), (180.0, false)] {
+        let [before, soon, after] = meet(middle_deg, 4.0, back);
+        assert!(before.iter().all(Option::is_some), "at {middle_deg}°: {before:?}");
+        assert_eq!([before, before], [soon, after], "at {middle_deg}°, back {back}");
     }
 }
 
