@@ -540,7 +540,7 @@ impl MotionStage {
         for (band, rows) in work.bands() {
             for run in work.learnt(band, Learning::ForAll) {
                 for y in rows.clone() {
-                    how[y * width + run.columns.start..y * width + run.columns.end].fill(kernel::LEARN);
+                    how[run.pixels(y, width)].fill(kernel::LEARN);
                     let seen = Learnt { picture, exposure_q15, how };
                     background.fetch(y + FETCH_ROWS, &run);
                     background.fetch_seen(y + FETCH_ROWS, &run);

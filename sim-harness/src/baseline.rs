@@ -15,6 +15,7 @@ use protocol::time::Timestamp;
 use serde::Serialize;
 
 use crate::peers::layout;
+use crate::peers::trial::Kind;
 use crate::render::Renderer;
 use crate::render::rays::Rays;
 use crate::scenario::{CameraSpec, RobotsSpec, Scenario, WearOf};
@@ -135,12 +136,7 @@ fn pair(plan: &Plan, rays: &Arc<Rays>, seed: u64) -> Option<(Scenario, &'static 
     let fits = |n: &usize| (RANGE_M[0]..RANGE_M[1]).contains(&range(*n)) && presence[*n].visible() >= LEAST_VISIBLE;
     let other = (1..poses.len()).filter(fits).min_by(|a, b| range(*a).total_cmp(&range(*b)))?;
     let marker = scenario.robots.wear_of(&scenario.robot_ids()[other]);
-    let name = match &marker {
-        crate::scenario::WearSpec::Rings => "cylinder",
-        crate::scenario::WearSpec::Bars { code: None, .. } => "bars",
-        crate::scenario::WearSpec::Bars { .. } => "coded bars",
-        crate::scenario::WearSpec::Plate { .. } => "rectangle",
-    };
+    let name = Kind::of(&marker).name();
     let robots = RobotsSpec {
         count: 2,
         poses: vec![poses[0], poses[other]],

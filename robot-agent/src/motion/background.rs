@@ -196,7 +196,7 @@ impl Background {
 
     /// Fetches some pixels of a row into the cache, as far as it is one.
     pub(super) fn fetch(&self, y: usize, run: &Run) {
-        let pixels = y * self.width + run.columns.start..y * self.width + run.columns.end;
+        let pixels = run.pixels(y, self.width);
         for levels in [&self.level, &self.noise] {
             if let Some(levels) = levels.get(pixels.clone()) {
                 kernel::fetch(levels);
@@ -206,7 +206,7 @@ impl Background {
 
     /// The same of how often looks were seen.
     pub(super) fn fetch_seen(&self, y: usize, run: &Run) {
-        if let Some(seen) = self.seen.get(y * self.width + run.columns.start..y * self.width + run.columns.end) {
+        if let Some(seen) = self.seen.get(run.pixels(y, self.width)) {
             kernel::fetch(seen);
         }
     }
@@ -218,7 +218,7 @@ impl Background {
             return;
         }
         let LearningRate { shift, small_step } = rate;
-        let pixels = y * self.width + run.columns.start..y * self.width + run.columns.end;
+        let pixels = run.pixels(y, self.width);
         let (level, noise) = (&mut self.level[pixels.clone()], &mut self.noise[pixels.clone()]);
         let (picture, how) = (&seen.picture[pixels.clone()], &seen.how[pixels]);
         kernel::learn(picture, seen.exposure_q15, how, shift, shift + 1, small_step, self.most_noise, level, noise);
@@ -233,13 +233,13 @@ impl Background {
         // Where somebody is followed time goes slower: whoever stops stays an object, a ghost that is taken for somebody still goes.
         let also_kept = (round / 2).is_multiple_of(KEPT_SLOWNESS);
         let counting = kernel::Counting { also_kept, most: MOST_SEEN, lead: LEAD, weight };
-        let pixels = y * self.width + run.columns.start..y * self.width + run.columns.end;
+        let pixels = run.pixels(y, self.width);
         let mut looks = kernel::Looks {
             level: &mut self.level[pixels.clone()],
             second: &mut self.second[pixels.clone()],
             seen: &mut self.seen[pixels.clone()],
             seen_second: &mut self.seen_second[pixels.clone()],
-            known: &mut self.known[y * self.stride + run.words.start..y * self.stride + run.words.end],
+            known: &mut self.known[run.marks(y, self.stride)],
         };
         let (picture, how) = (&seen.picture[pixels.clone()], &seen.how[pixels.clone()]);
         self.any_known |=
@@ -273,7 +273,7 @@ impl Background {
         if !self.any_known {
             return;
         }
-        let known = &self.known[y * self.stride + run.words.start..y * self.stride + run.words.end];
+        let known = &self.known[run.marks(y, self.stride)];
         for (w, ((faint, strong), known)) in faint.iter_mut().zip(strong).zip(known).enumerate() {
             // A few marks among known pixels are noise.
             let marked = known & *faint;
@@ -353,9 +353,7 @@ impl LearningRate {
         let shift = (shift_at_10_hz as i32 + halvings).clamp(1, 8) as u32;
         Self { shift, small_step: (120.0 * spacing_s).round().clamp(1.0, 64.0) as u8 }
     }
-}
 
-impl LearningRate {
     /// Where a cell is visited now and then: not so fast that the background takes over the noise of single frames.
     pub(super) fn for_visits(shift_at_10_hz: u32, spacing_s: f64) -> Self {
         let rate = Self::for_spacing(shift_at_10_hz, spacing_s);

@@ -65,7 +65,7 @@ impl MotionStage {
         for (band, rows) in self.work.bands() {
             for run in self.work.worked(band) {
                 for y in rows.clone() {
-                    let pixels = y * width + run.columns.start..y * width + run.columns.end;
+                    let pixels = run.pixels(y, width);
                     for buffer in [&self.picture, &self.next] {
                         kernel::fetch(
                             buffer.get(pixels.start + AHEAD * width..pixels.end + AHEAD * width).unwrap_or(&[]),
@@ -87,7 +87,7 @@ impl MotionStage {
         self.work.bands().all(|(band, rows)| {
             self.work.worked(band).all(|run| {
                 rows.clone().all(|y| {
-                    let pixels = y * width + run.columns.start..y * width + run.columns.end;
+                    let pixels = run.pixels(y, width);
                     self.picture[pixels.clone()] == self.before[pixels]
                 })
             })

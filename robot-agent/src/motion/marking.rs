@@ -12,8 +12,8 @@ impl MotionStage {
         for run in self.work.worked(rows.start / CELL_ROWS) {
             for y in rows.clone() {
                 self.fetch_row(y + FETCH_ROWS, &run);
-                let pixels = y * width + run.columns.start..y * width + run.columns.end;
-                let words = y * stride + run.words.start..y * stride + run.words.end;
+                let pixels = run.pixels(y, width);
+                let words = run.marks(y, stride);
                 let row = kernel::Compared {
                     picture: &self.picture[pixels.clone()],
                     exposure_q15,
@@ -40,7 +40,7 @@ impl MotionStage {
 
     /// Fetches some pixels of a row into the cache.
     fn fetch_row(&self, y: usize, run: &work::Run) {
-        let pixels = y * self.raster.width + run.columns.start..y * self.raster.width + run.columns.end;
+        let pixels = run.pixels(y, self.raster.width);
         self.background.fetch(y, run);
         for pixels in [self.picture.get(pixels.clone()), self.magnitude.get(pixels)].into_iter().flatten() {
             kernel::fetch(pixels);
@@ -53,9 +53,9 @@ impl MotionStage {
         for (band, rows) in self.work.bands() {
             for run in self.work.left(band) {
                 for y in rows.clone() {
-                    self.magnitude[y * width + run.columns.start..y * width + run.columns.end].fill(0);
+                    self.magnitude[run.pixels(y, width)].fill(0);
                     for marks in [&mut self.faint, &mut self.strong] {
-                        marks.words_mut()[y * stride + run.words.start..y * stride + run.words.end].fill(0);
+                        marks.words_mut()[run.marks(y, stride)].fill(0);
                     }
                 }
             }

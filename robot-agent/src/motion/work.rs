@@ -259,3 +259,15 @@ pub(super) struct Run {
     /// In pixels.
     pub(super) columns: Range<usize>,
 }
+
+impl Run {
+    /// Where it lies in a picture of some width, in row `y`.
+    pub(super) fn pixels(&self, y: usize, width: usize) -> Range<usize> {
+        y * width + self.columns.start..y * width + self.columns.end
+    }
+
+    /// The same in rows of `stride` words.
+    pub(super) fn marks(&self, y: usize, stride: usize) -> Range<usize> {
+        y * stride + self.words.start..y * stride + self.words.end
+    }
+}

@@ -117,17 +117,6 @@ pub struct Fault {
     pub what: String,
 }
 
-impl Kind {
-    fn name(self) -> &'static str {
-        match self {
-            Self::Cylinder => "cylinder",
-            Self::Bars => "bars",
-            Self::CodedBars => "coded bars",
-            Self::Rectangle => "rectangle",
-        }
-    }
-}
-
 #[derive(Default)]
 struct Sums {
     half_seen: Share,

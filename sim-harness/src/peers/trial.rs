@@ -60,6 +60,28 @@ pub enum Kind {
     Rectangle,
 }
 
+impl Kind {
+    /// Of what a robot wears.
+    pub fn of(wear: &WearSpec) -> Self {
+        match wear {
+            WearSpec::Rings => Self::Cylinder,
+            WearSpec::Bars { code: None, .. } => Self::Bars,
+            WearSpec::Bars { .. } => Self::CodedBars,
+            WearSpec::Plate { .. } => Self::Rectangle,
+        }
+    }
+
+    /// For people.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Cylinder => "cylinder",
+            Self::Bars => "bars",
+            Self::CodedBars => "coded bars",
+            Self::Rectangle => "rectangle",
+        }
+    }
+}
+
 /// What stands before a robot and hides a part of it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Before {
@@ -143,7 +165,8 @@ pub fn look(eyes: &Eyes, plan: &Plan, seed: u64) -> Outcome {
         let views: Vec<View> = (1..world.robots().len())
             .map(|n| {
                 let id = world.robots()[n].id;
-                let view = view(&first.robots[0], &first.robots[n], kind(&scenario.robots.wear_of(&id)), &presence[n]);
+                let view =
+                    view(&first.robots[0], &first.robots[n], Kind::of(&scenario.robots.wear_of(&id)), &presence[n]);
                 View { before: before(&state, n, view.visible), ..view }
             })
             .collect();
@@ -158,15 +181,6 @@ pub fn look(eyes: &Eyes, plan: &Plan, seed: u64) -> Outcome {
     }
     outcome.detector_us = spent_us / pictures.max(1) as f64;
     outcome
-}
-
-fn kind(wear: &WearSpec) -> Kind {
-    match wear {
-        WearSpec::Rings => Kind::Cylinder,
-        WearSpec::Bars { code: None, .. } => Kind::Bars,
-        WearSpec::Bars { .. } => Kind::CodedBars,
-        WearSpec::Plate { .. } => Kind::Rectangle,
-    }
 }
 
 fn view(observer: &RobotState, robot: &RobotState, kind: Kind, presence: &crate::render::presence::Presence) -> View {

@@ -11,6 +11,9 @@ use serde::Deserialize;
 use super::SolveError;
 use super::layout::Nuisance;
 
+/// Stamps of bearings that may be of one place, seconds.
+const TOGETHER_S: f64 = 0.02;
+
 /// Length of a piece of a target's way that is taken for straight, seconds: a walker's acceleration of 0.5 m/s² bends it by
 /// 5 mm.
 pub const PIECE_S: f64 = 0.4;
@@ -257,6 +260,16 @@ pub struct Bearing {
     pub elevation: Option<(f64, f64)>,
     /// Stamp, seconds.
     pub time_s: Option<f64>,
+}
+
+impl Bearing {
+    /// Whether the stamps of two bearings may be of one place.
+    pub fn is_together(&self, other: &Self) -> bool {
+        match (self.time_s, other.time_s) {
+            (Some(a), Some(b)) => (a - b).abs() < TOGETHER_S,
+            (a, b) => a == b,
+        }
+    }
 }
 
 /// A known target.

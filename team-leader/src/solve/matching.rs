@@ -20,8 +20,6 @@ const STEPS: usize = 8;
 const FAR_M: f64 = 100.0;
 /// A robot is no nearer to a target, metres.
 const NEAR_M: f64 = 0.05;
-/// Stamps of bearings that may be of one place, seconds.
-const TOGETHER_S: f64 = 0.02;
 /// Less likely pairings are left out, nats.
 const HOPELESS: f64 = -30.0;
 /// Of more robots only exchanges of one robot's bearings are looked at.
@@ -124,12 +122,12 @@ impl Room<'_> {
     /// Of one robot at one time.
     fn alike(&self, a: usize, b: usize) -> bool {
         let (a, b) = (self.bearing(a), self.bearing(b));
-        a.observer == b.observer && together(a, b)
+        a.observer == b.observer && a.is_together(b)
     }
 
     /// Which bearings two targets may exchange: of each robot or of two robots, where each keeps two and one more than it gives.
     fn exchanges(&self, mine: &[usize], theirs: &[usize]) -> Vec<Vec<usize>> {
-        if !mine.iter().zip(theirs).all(|(a, b)| together(self.bearing(*a), self.bearing(*b))) {
+        if !mine.iter().zip(theirs).all(|(a, b)| self.bearing(*a).is_together(self.bearing(*b))) {
             return Vec::new();
         }
         let mut robots: Vec<usize> = mine.iter().chain(theirs).map(|b| self.bearing(*b).observer).collect();
@@ -222,13 +220,6 @@ impl Room<'_> {
             Some(self.problem.robots[bearing.observer].camera_height_m + range * bearing.elevation?.0.tan())
         });
         Some(Vector3::new(at.x, at.y, height.unwrap_or(0.0)))
-    }
-}
-
-fn together(a: &Bearing, b: &Bearing) -> bool {
-    match (a.time_s, b.time_s) {
-        (Some(a), Some(b)) => (a - b).abs() < TOGETHER_S,
-        (a, b) => a == b,
     }
 }
 

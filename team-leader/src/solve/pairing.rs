@@ -14,8 +14,6 @@ use crate::stereo::triangulate::{StereoBearings, triangulate};
 const GATE: f64 = 12.0;
 /// How much cheaper a group must be than a rival for the same bearings.
 const MARGIN: f64 = 6.0;
-/// Stamps of bearings that may be of one place, seconds.
-const TOGETHER_S: f64 = 0.02;
 /// Farthest target, metres.
 const FAR_M: f64 = 100.0;
 
@@ -91,10 +89,7 @@ fn grow(
     open: &[usize],
 ) -> Option<Group> {
     let (first, second) = (&problem.bearings[a], &problem.bearings[b]);
-    let together = |m: usize| match (first.time_s, problem.bearings[m].time_s) {
-        (Some(a), Some(b)) => (a - b).abs() < TOGETHER_S,
-        (a, b) => a == b,
-    };
+    let together = |m: usize| first.is_together(&problem.bearings[m]);
     if first.observer == second.observer || !together(b) {
         return None;
     }
