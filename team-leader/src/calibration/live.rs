@@ -1,5 +1,6 @@
 //! The calibration as it runs: one call an observation.
 
+mod adrift;
 mod elsewhere;
 mod exchange;
 mod remembered;
@@ -157,7 +158,10 @@ impl Calibrator {
         let sightings: Vec<Sighted> =
             look.sightings.iter().map(|s| Sighted { robot: self.believed_name(look.robot, s.robot), ..*s }).collect();
         let look = &Look { sightings: &sightings, ..look.clone() };
+        let motion = self.motion(look);
+        let look = &Look { motion, ..look.clone() };
         self.follow_motion(look);
+        self.find_adrift(look);
         let rest = self.match_sightings(look);
         if self.robots[look.robot].standing_since.is_some() && look.motion == Motion::Standing {
             self.fill_slots(look.robot, look.at, &rest);

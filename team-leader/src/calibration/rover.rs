@@ -18,6 +18,8 @@ use super::slot::Sighted;
 const SPEED_MEMORY_S: f64 = 1.5;
 /// A robot notices its motion late: by then it may be this far from where it stood (standard deviation: m, m, rad).
 const LATE_START: [f64; 3] = [0.08, 0.08, 0.08];
+/// Speeds of a robot that hardly moves, m/s and rad/s.
+const REST: [f64; 2] = [0.03, 0.03];
 /// Squared sigmas (two numbers) beyond which a sighting is not of this robot.
 const GATE: f64 = 16.0;
 /// Longest prediction in one go, seconds.
@@ -81,6 +83,11 @@ impl Rover {
         let dt = at.seconds_since(self.at).clamp(-LONGEST_STEP_S, LONGEST_STEP_S);
         let m = &self.mean;
         Pose2::new(m[0] + dt * m[3], m[1] + dt * m[4], m[2] + dt * m[5])
+    }
+
+    /// Whether it hardly moves.
+    pub fn rests(&self) -> bool {
+        self.mean[3].hypot(self.mean[4]) < REST[0] && self.mean[5].abs() < REST[1]
     }
 
     /// Covariance of x, y, heading given exact poses of the standing robots, at the state's time.

@@ -48,10 +48,23 @@ pub struct Slot {
     pub first: Timestamp,
     /// See `first`.
     pub last: Timestamp,
+    /// How far from the mean it was seen last, whether that fits or not.
+    pub off: Option<Off>,
     reference_rad: f64,
     bearing: Sums,
     width: Sums,
     pending: VecDeque<(Timestamp, Sighted)>,
+}
+
+/// How far from a slot's mean its robot was seen: χ² and its degrees of freedom.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Off {
+    /// When.
+    pub at: Timestamp,
+    /// See [`Off`].
+    pub chi2: f64,
+    /// See [`Off`].
+    pub n: u32,
 }
 
 /// Weighted sums for mean and scatter.
@@ -92,6 +105,7 @@ impl Slot {
             told: sighted.robot,
             first: at,
             last: at,
+            off: None,
             reference_rad: sighted.bearing_rad,
             bearing: Sums::default(),
             width: Sums::default(),
@@ -124,6 +138,17 @@ impl Slot {
         }
         let names_agree = self.told.is_none() || sighted.robot.is_none() || self.told == sighted.robot;
         (names_agree && worst < GATE_SIGMAS * GATE_SIGMAS).then_some(worst)
+    }
+
+    /// χ² of a sighting against the mean, and its degrees of freedom.
+    pub fn misfit(&self, sighted: &Sighted, floor_var: f64) -> (f64, u32) {
+        let mean = self.mean();
+        let db = wrap(sighted.bearing_rad - mean.bearing_rad);
+        let by_bearing = db * db / (sighted.bearing_var + mean.bearing_var + floor_var);
+        match (sighted.width_rad, mean.width_rad) {
+            (Some((a, va)), Some((b, vb))) => (by_bearing + (a - b) * (a - b) / (va + vb + floor_var), 2),
+            _ => (by_bearing, 1),
+        }
     }
 
     /// How many sightings it has.

@@ -1,6 +1,7 @@
 //! Each robot by itself: motion, slots, following a moving one.
 
 use nalgebra::Matrix3;
+use protocol::frames::Pose2;
 use protocol::message::Motion;
 use protocol::time::Timestamp;
 
@@ -26,6 +27,10 @@ pub struct Robot {
     pub unsure: bool,
     /// It is there again.
     pub back: bool,
+    /// Since when it is taken to move though it says that it stands, and where it was.
+    pub adrift: Option<(Timestamp, Pose2)>,
+    /// Looks in a row that show it off its place.
+    pub astray: u32,
     /// Checks in a row that contradict its place.
     pub contradictions: u32,
     /// Distances of it that are not believed.
@@ -45,6 +50,8 @@ impl Default for Robot {
             standing_since: None,
             slots: Vec::new(),
             rover: None,
+            adrift: None,
+            astray: 0,
             contradictions: 0,
             doubt: None,
             blamed: 0,
@@ -268,7 +275,7 @@ impl Calibrator {
 }
 
 /// Closest pairs first, each left and right side once.
-fn best_pairs(mut pairs: Vec<(f64, usize, usize)>) -> Vec<(usize, usize)> {
+pub(super) fn best_pairs(mut pairs: Vec<(f64, usize, usize)>) -> Vec<(usize, usize)> {
     pairs.sort_by(|a, b| a.0.total_cmp(&b.0));
     let mut chosen: Vec<(usize, usize)> = Vec::new();
     for (_, left, right) in pairs {

@@ -29,27 +29,31 @@ fn run_settings(settings: Settings, seed: u64) -> (World, TeamMap) {
     (world, last.unwrap())
 }
 
-/// Placed robots whose place beside the first placed one is wrong by more than 5 cm and five of their own sigmas.
-fn confidently_wrong(world: &World, map: &TeamMap) -> Vec<String> {
+/// How far each placed robot is, beside the first placed one, from where it should be, and the sigma of that, metres. `truth`:
+/// poses of the world's robots.
+pub(super) fn offsets(world: &World, truth: &[[f64; 3]], map: &TeamMap) -> Vec<(RobotId, f64, f64)> {
     let placed: Vec<_> = map.placed(0).filter_map(|r| Some((r.id, r.team_from_body?))).collect();
+    let Some(&(first, first_pose)) = placed.first() else { return Vec::new() };
     let joint = map.joint_covariance_of(0).unwrap();
-    let truth = |id| world.robots.iter().find(|r| r.id == id).unwrap().pose;
+    let truth = |id| truth[world.robots.iter().position(|r| r.id == id).unwrap()];
     let sigma = |k: usize| (joint[(3 * k, 3 * k)] + joint[(3 * k + 1, 3 * k + 1)]).sqrt();
-    let mut wrong = Vec::new();
-    let Some(&(first, first_pose)) = placed.first() else { return wrong };
     let zero = truth(first);
     let (s, c) = zero[2].sin_cos();
-    for (k, (id, pose)) in placed.iter().enumerate().skip(1) {
+    let offset = |(k, (id, pose)): (usize, &(RobotId, protocol::frames::Pose2))| {
         let [x, y, _] = truth(*id);
         let (dx, dy) = (x - zero[0], y - zero[1]);
         let beside = (first_pose.inverse() * *pose).position();
         let off = (beside.x - (c * dx + s * dy)).hypot(beside.y - (c * dy - s * dx));
-        let sigma = sigma(k).hypot(sigma(0)).hypot(beside.norm() * joint[(2, 2)].sqrt());
-        if off > 0.05 + 5.0 * sigma {
-            wrong.push(format!("{id} by {off:.3} m ± {sigma:.3}"));
-        }
-    }
-    wrong
+        (*id, off, sigma(k).hypot(sigma(0)).hypot(beside.norm() * joint[(2, 2)].sqrt()))
+    };
+    placed.iter().enumerate().skip(1).map(offset).collect()
+}
+
+/// Robots that stand more than 5 cm and five of their own sigmas from where they are placed.
+fn confidently_wrong(world: &World, map: &TeamMap) -> Vec<String> {
+    let truth: Vec<[f64; 3]> = world.robots.iter().map(|r| r.pose).collect();
+    let wrong = offsets(world, &truth, map).into_iter().filter(|(_, off, sigma)| *off > 0.05 + 5.0 * sigma);
+    wrong.map(|(id, off, sigma)| format!("{id} by {off:.3} m ± {sigma:.3}")).collect()
 }
 
 fn robot<'a>(map: &'a TeamMap, id: &str) -> &'a protocol::message::MapRobot {

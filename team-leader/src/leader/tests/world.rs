@@ -28,6 +28,8 @@ pub struct Settings {
     pub duration_s: f64,
     /// Which robots drive, from when to when.
     pub drives: Vec<(usize, f64, f64)>,
+    /// How late a robot says that it drives, seconds.
+    pub notices_after_s: f64,
     pub edge_sigma_deg: f64,
     pub pair_bias_deg: f64,
     pub common_bias_deg: f64,
@@ -108,6 +110,7 @@ impl Default for Settings {
             people: 4,
             duration_s: 60.0,
             drives: vec![(2, 20.0, 30.0)],
+            notices_after_s: 0.25,
             edge_sigma_deg: 0.05,
             pair_bias_deg: 0.015,
             common_bias_deg: 0.006,
@@ -599,7 +602,9 @@ impl World {
         let capture = clock(t + self.robots[k].offset_s + late_s);
         // The robot notices late, both ways.
         let motion = match self.robots[k].goal {
-            Some((_, _, from_s, to_s)) if t > from_s + 0.25 && t < to_s + 0.2 => Motion::Moving,
+            Some((_, _, from_s, to_s)) if t > from_s + self.settings.notices_after_s && t < to_s + 0.2 => {
+                Motion::Moving
+            }
             _ if sequence < 3 => Motion::Unknown,
             _ => Motion::Standing,
         };
