@@ -19,7 +19,7 @@ use protocol::time::Timestamp;
 use super::block::Block;
 use super::convoy::Convoy;
 use super::rover::Rover;
-use super::slot::Sighted;
+use super::slot::{NOTICE_S, Sighted};
 use crate::leader::config::CalibrationConfig;
 pub use robots::Robot;
 use roster::Roster;
@@ -31,8 +31,8 @@ const GAUGE_VAR: f64 = 1e-10;
 const FRESH_S: f64 = 1.5;
 /// Sightings a slot needs before it is named.
 const LEAST_COUNT: u32 = 3;
-/// How long a robot must stand before it is named, seconds.
-const SETTLED_S: f64 = 0.3;
+/// How long a robot must stand before it is named, seconds: one that has gone on would have said so by then.
+const SETTLED_S: f64 = NOTICE_S;
 /// Between attempts to name, seconds.
 const NAMING_INTERVAL_S: f64 = 0.2;
 /// Between checks of names that were given, seconds.
