@@ -11,6 +11,7 @@ mod budget;
 mod duties;
 mod event;
 mod pipeline;
+mod readout;
 mod settings;
 mod surroundings;
 mod team;

@@ -11,6 +11,7 @@ use protocol::marker::Marker;
 use protocol::message::observation::{MAX_SIGHTINGS, MAX_TRACKS};
 use protocol::message::{AlarmKind, Motion, PeerSighting, Stages, TrackObservation};
 
+use super::readout::Readout;
 use super::witness::Witnesses;
 use super::{AgentError, AgentSettings, Frame, PictureKind, Progress};
 use crate::motion::{BackgroundState, MotionStage, Raster};
@@ -34,6 +35,7 @@ pub struct Pipeline {
     tracker: Tracker,
     markers: Vec<(Option<RobotId>, Marker)>,
     peer_detector: Option<PeerDetector>,
+    readout: Readout,
     /// Of a camera that looks one way.
     witnesses: Option<Witnesses>,
     gallery: Gallery,
@@ -104,6 +106,7 @@ impl Pipeline {
             tracker: Tracker::new(raster, view, settings.tracking.clone()),
             markers: Vec::new(),
             peer_detector: None,
+            readout: Readout::default(),
             witnesses: (!camera.camera().is_panoramic()).then(Witnesses::default),
             gallery: Gallery::new(raster),
             frame: None,
@@ -230,7 +233,9 @@ impl Pipeline {
 
     fn find_peers(&mut self, frame: &Frame) {
         let Some(detector) = &mut self.peer_detector else { return };
-        let peers = detector.follow(&frame.gray, self.motion.drawn());
+        let mut peers = detector.follow(&frame.gray, self.motion.drawn());
+        let view = self.tracker.view();
+        self.readout.correct(&mut peers, frame.capture, |bearing| view.delay_at_s(bearing, 0.0));
         self.seen.sightings = peers.iter().map(Peer::to_sighting).collect();
         self.seen.sightings.truncate(MAX_SIGHTINGS);
         self.peer_bearings = self.seen.sightings.iter().map(PeerBearing::of).collect();

@@ -62,8 +62,15 @@ impl View {
     /// How much later than the frame's capture time a place was seen, seconds: a camera that reads its rows or columns one after
     /// the other sees what is on one side of the robot before what is on the other.
     pub fn delay_s(&self, column: f64, row: f64) -> f64 {
+        if self.rolling.is_none() {
+            return 0.0;
+        }
+        self.angles_rad(column, row).map_or(0.0, |(bearing, elevation)| self.delay_at_s(bearing, elevation))
+    }
+
+    /// As [`View::delay_s`], of what is in a direction, radians.
+    pub fn delay_at_s(&self, bearing: f64, elevation: f64) -> f64 {
         let Some(camera) = &self.rolling else { return 0.0 };
-        let Some((bearing, elevation)) = self.angles_rad(column, row) else { return 0.0 };
         // Any distance will do: a row is some tens of microseconds.
         const AWAY_M: f64 = 5.0;
         let point = camera.viewpoint_body_m() + AWAY_M * crate::optics::direction(bearing, elevation);

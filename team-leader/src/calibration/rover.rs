@@ -193,6 +193,27 @@ impl Rover {
         self.distance2(block, member, &terms)
     }
 
+    /// The same of this robot's sighting of `other`, which moves as well. How both depend on the same standing robots is left
+    /// out.
+    pub fn distance2_between(&self, block: &Block, other: &Self, at: Timestamp, sighted: &Sighted) -> Option<f64> {
+        let (me, there) = (self.pose_at(at), other.pose_at(at));
+        let (from, to) = ([me.x_m, me.y_m, me.heading_rad], [there.x_m, there.y_m]);
+        let (mine, theirs) = (self.covariance(block), other.covariance(block));
+        let variance = |f: [f64; 3], t: [f64; 2]| {
+            let (f, t) = (RowVector3::from(f), RowVector3::new(t[0], t[1], 0.0));
+            (f * mine * f.transpose() + t * theirs * t.transpose())[0]
+        };
+        let (bearing, b_from, b_to) = kernel::bearing(from, to);
+        let mut sum = wrap(sighted.bearing_rad - bearing).powi(2) / (sighted.bearing_var + variance(b_from, b_to));
+        if let Some((width_rad, noise)) = sighted.width_rad {
+            let (range, d_from, d_to) = kernel::distance(from, to);
+            let (width, slope) = kernel::width(range);
+            let residual = width_rad - width - block.common_width_rad();
+            sum += residual * residual / (noise + slope * slope * variance(d_from, d_to));
+        }
+        (sum < GATE).then_some(sum)
+    }
+
     /// The standing `member` saw this robot.
     pub fn update_seen(&mut self, block: &Block, member: usize, at: Timestamp, sighted: &Sighted) {
         if let Some(terms) = self.seen(block, member, at, sighted) {

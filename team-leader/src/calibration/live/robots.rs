@@ -1,5 +1,7 @@
 //! Each robot by itself: motion, slots, following a moving one.
 
+use std::collections::BTreeSet;
+
 use nalgebra::Matrix3;
 use protocol::frames::Pose2;
 use protocol::message::Motion;
@@ -11,6 +13,9 @@ use crate::calibration::kernel;
 use crate::calibration::naming::Doubt;
 use crate::calibration::rover::Rover;
 use crate::calibration::slot::{Sighted, Slot};
+
+/// Squared sigmas by which a pair must be better than another one that it excludes.
+const CLEARLY: f64 = 9.0;
 
 /// A robot as the calibration knows it.
 #[derive(Debug, Clone)]
@@ -159,7 +164,7 @@ impl Calibrator {
             }
         }
         let mut taken = vec![false; floored.len()];
-        for (r, k) in best_pairs(pairs) {
+        for (r, k) in clear_pairs(pairs) {
             let standing = self.robots[r].standing_since.is_some();
             let sighted = self.believed(look.robot, r, &floored[k]);
             if let Some(rover) = &mut self.robots[r].rover {
@@ -175,15 +180,17 @@ impl Calibrator {
     fn follow_by_own_sightings(&mut self, look: &Look<'_>, floored: &[Sighted]) {
         let Some(rover) = &self.robots[look.robot].rover else { return };
         let mut pairs: Vec<(f64, usize, usize)> = Vec::new();
-        for &member in self.block.members() {
-            for (k, sighted) in floored.iter().enumerate().filter(|(_, s)| s.robot.is_none_or(|t| t == member)) {
-                let sighted = self.believed(look.robot, member, sighted);
-                if let Some(d2) = rover.distance2_sees(&self.block, member, look.at, &sighted) {
-                    pairs.push((d2, member, k));
-                }
+        for (other, robot) in self.robots.iter().filter(|(other, _)| *other != look.robot) {
+            for (k, sighted) in floored.iter().enumerate().filter(|(_, s)| s.robot.is_none_or(|t| t == other)) {
+                let sighted = self.believed(look.robot, other, sighted);
+                let distance2 = match &robot.rover {
+                    Some(moving) => rover.distance2_between(&self.block, moving, look.at, &sighted),
+                    None => rover.distance2_sees(&self.block, other, look.at, &sighted),
+                };
+                pairs.extend(distance2.map(|d2| (d2, other, k)));
             }
         }
-        for (member, k) in best_pairs(pairs) {
+        for (member, k) in clear_pairs(pairs).into_iter().filter(|(other, _)| self.block.contains(*other)) {
             let sighted = self.believed(look.robot, member, &floored[k]);
             if let Some(rover) = &mut self.robots[look.robot].rover {
                 rover.update_sees(&self.block, member, look.at, &sighted);
@@ -272,6 +279,22 @@ impl Calibrator {
             robot: None,
         })
     }
+}
+
+/// As [`best_pairs`], without those that another pair might be instead: who is unsure of his place must not take another robot
+/// for the one that he expects to see.
+fn clear_pairs(pairs: Vec<(f64, usize, usize)>) -> Vec<(usize, usize)> {
+    let mut chosen = best_pairs(pairs.clone());
+    let distance2 = |pair: (usize, usize)| pairs.iter().find(|(_, l, r)| (*l, *r) == pair).map_or(0.0, |p| p.0);
+    let of_left: BTreeSet<usize> = chosen.iter().map(|(l, _)| *l).collect();
+    let of_right: BTreeSet<usize> = chosen.iter().map(|(_, r)| *r).collect();
+    chosen.retain(|&(left, right)| {
+        let limit = distance2((left, right)) + CLEARLY;
+        !pairs.iter().any(|&(d2, l, r)| {
+            d2 < limit && ((r == right && !of_left.contains(&l)) || (l == left && !of_right.contains(&r)))
+        })
+    });
+    chosen
 }
 
 /// Closest pairs first, each left and right side once.
