@@ -19,7 +19,7 @@ const MEMORY_S: f64 = 0.5;
 const MOVES: f64 = 4.0;
 /// Speed of a fellow that is seen for the first time, standard deviation, m/s.
 const SPEED_MPS: f64 = 0.3;
-/// Change of speed between two frames, standard deviation, m/s².
+/// How fast speeds change between two frames, standard deviation, m/s².
 const ACCELERATION_MPS2: f64 = 0.3;
 
 /// Where fellows were seen last.
@@ -94,8 +94,8 @@ fn advance(peer: &mut Peer, place: &Place, before: Option<&Place>, delay_s: f64)
     for feature in &mut peer.features {
         feature.bearing_rad = wrap(feature.bearing_rad - part * moved[0]);
     }
-    // Speeds are those of half a frame ago.
-    let turn_m = ACCELERATION_MPS2 * elapsed_s * delay_s;
+    // The speed is the mean of the whole way from there, and this is a part of it.
+    let turn_m = 0.5 * ACCELERATION_MPS2 * (elapsed_s - delay_s) * delay_s;
     let own = part * part;
     widen(peer, [own * noise[(0, 0)] + (turn_m / peer.range_m).powi(2), own * noise[(1, 1)] + turn_m * turn_m]);
 }
@@ -165,7 +165,8 @@ mod tests {
         readout.correct(&mut seen, Timestamp::from_secs_f64(1.0), delay_s);
         let mut seen = [at(0.2)];
         readout.correct(&mut seen, Timestamp::from_secs_f64(1.1), delay_s);
-        assert!((seen[0].bearing_rad - (3.0 - 0.01)).abs() < 6e-4 && seen[0].covariance[(0, 0)] < 9.0 * 4e-8 * 4.0);
+        assert!((seen[0].bearing_rad - (2.98 + 0.1 * delay_s(2.98))).abs() < 1e-4, "{seen:?}");
+        assert!(seen[0].covariance[(0, 0)] < 4.0 * 4e-8, "{seen:?}");
     }
 
     #[test]

@@ -145,6 +145,28 @@ fn a_robot_put_down_elsewhere_is_found_there_and_people_are_told() {
 }
 
 #[test]
+fn a_robot_that_says_that_it_drives_and_does_not_is_not_mixed_up_with_one_that_does() {
+    // Somebody stands before r2's camera: its picture changes all over, and of its fellows it sees the one that drives by, alone.
+    let settings = Settings {
+        people: 0,
+        places: Some(PLACES[..3].to_vec()),
+        drives: vec![(0, 10.0, 20.0)],
+        goals: [(0, [4.4, 3.1, 1.9])].into(),
+        faults: vec![Fault::Claims(1, 12.0, 18.0), Fault::Apart(1, 2, 12.0)],
+        duration_s: 24.0,
+        ..Settings::default()
+    };
+    let mut wrong: f64 = 0.0;
+    let mut leader = Leader::new(LeaderCoreConfig::new("lead".parse().unwrap()));
+    World::new(settings, 370).run(&mut leader, |world, map| {
+        let truth = world.truth_at(map.stamp.seconds_since(super::world::clock(0.0))).0;
+        let beyond = offsets(world, truth, map).into_iter().map(|(_, off, sigma)| off - 5.0 * sigma);
+        wrong = beyond.fold(wrong, f64::max);
+    });
+    assert!(wrong < 0.05, "a robot is {wrong:.2} m and 5 sigmas from its place");
+}
+
+#[test]
 fn a_sighting_that_points_backwards_moves_nobody() {
     let (world, map) = run_with(3, vec![Fault::Backwards(0, 1)], 15.0, 360);
     assert_eq!(confidently_wrong(&world, &map), Vec::<String>::new());

@@ -85,6 +85,10 @@ pub enum Fault {
     Backwards(usize, usize),
     /// It sees no robot.
     Blind(usize),
+    /// It says that it drives while it stands, from when to when.
+    Claims(usize, f64, f64),
+    /// From when on two robots do not see each other.
+    Apart(usize, usize, f64),
 }
 
 impl Settings {
@@ -600,8 +604,10 @@ impl World {
         r.frames += 1;
         r.next_s = r.phase_s + 0.1 * f64::from(r.frames) + self.rng.random_range(-0.01..0.01);
         let capture = clock(t + self.robots[k].offset_s + late_s);
+        let claims = |f: &Fault| matches!(f, Fault::Claims(r, from, to) if *r == k && (*from..*to).contains(&t));
         // The robot notices late, both ways.
         let motion = match self.robots[k].goal {
+            _ if self.settings.faults.iter().any(claims) => Motion::Moving,
             Some((_, _, from_s, to_s)) if t > from_s + self.settings.notices_after_s && t < to_s + 0.2 => {
                 Motion::Moving
             }
@@ -641,7 +647,10 @@ impl World {
                 _ => None,
             });
             let other = self.robots[j].pose;
-            if self.is_between([me[0], me[1]], [other[0], other[1]]) {
+            let now_s = self.time_s;
+            let apart_from =
+                |f: &Fault| matches!(f, Fault::Apart(a, b, s) if now_s > *s && [(k, j), (j, k)].contains(&(*a, *b)));
+            if self.is_between([me[0], me[1]], [other[0], other[1]]) || self.settings.faults.iter().any(apart_from) {
                 continue;
             }
             let d = apart([me[0], me[1]], [other[0], other[1]]);
