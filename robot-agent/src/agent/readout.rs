@@ -15,6 +15,8 @@ use crate::peers::Peer;
 const NEAR: (f64, f64) = (0.2, 0.2);
 /// What was seen so long ago says nothing of the speed now, seconds.
 const MEMORY_S: f64 = 0.5;
+/// Two places closer in time tell no speed, seconds.
+const LEAST_S: f64 = 1e-3;
 /// Sigmas beyond which something moves.
 const MOVES: f64 = 4.0;
 /// Speed of a fellow that is seen for the first time, standard deviation, m/s.
@@ -40,7 +42,7 @@ struct Place {
 impl Readout {
     /// Brings each fellow, seen `delay_s(bearing)` after the capture time, to that time.
     pub fn correct(&mut self, peers: &mut [Peer], capture: Timestamp, delay_s: impl Fn(f64) -> f64) {
-        self.before.retain(|place| (0.0..MEMORY_S).contains(&capture.seconds_since(place.at)));
+        self.before.retain(|place| capture.seconds_since(place.at).abs() < MEMORY_S);
         let mut now = Vec::with_capacity(peers.len());
         for peer in peers {
             let delay_s = delay_s(peer.bearing_rad);
@@ -50,7 +52,8 @@ impl Readout {
                 range_m: peer.range_m,
                 covariance: peer.covariance,
             };
-            let before = self.before.iter().filter(|p| p.may_be(&place));
+            // A clock may have been set back.
+            let before = self.before.iter().filter(|p| p.may_be(&place) && place.at.seconds_since(p.at) > LEAST_S);
             let before = before.min_by(|a, b| a.away_rad(&place).total_cmp(&b.away_rad(&place)));
             advance(peer, &place, before, delay_s);
             now.push(place);
@@ -80,7 +83,7 @@ fn advance(peer: &mut Peer, place: &Place, before: Option<&Place>, delay_s: f64)
         widen(peer, [(SPEED_MPS / peer.range_m * delay_s).powi(2), (SPEED_MPS * delay_s).powi(2)]);
         return;
     };
-    let elapsed_s = place.at.seconds_since(before.at).max(1e-3);
+    let elapsed_s = place.at.seconds_since(before.at);
     let moved = [difference(place.bearing_rad, before.bearing_rad), place.range_m - before.range_m];
     let noise = place.covariance + before.covariance;
     let part = delay_s / elapsed_s;
@@ -95,9 +98,9 @@ fn advance(peer: &mut Peer, place: &Place, before: Option<&Place>, delay_s: f64)
         feature.bearing_rad = wrap(feature.bearing_rad - part * moved[0]);
     }
     // The speed is the mean of the whole way from there, and this is a part of it.
-    let turn_m = 0.5 * ACCELERATION_MPS2 * (elapsed_s - delay_s) * delay_s;
+    let bent_m = 0.5 * ACCELERATION_MPS2 * (elapsed_s - delay_s) * delay_s;
     let own = part * part;
-    widen(peer, [own * noise[(0, 0)] + (turn_m / peer.range_m).powi(2), own * noise[(1, 1)] + turn_m * turn_m]);
+    widen(peer, [own * noise[(0, 0)] + (bent_m / peer.range_m).powi(2), own * noise[(1, 1)] + bent_m * bent_m]);
 }
 
 fn widen(peer: &mut Peer, variances: [f64; 2]) {
@@ -179,6 +182,23 @@ mod tests {
             readout.correct(&mut seen, Timestamp::from_secs_f64(1.0 + 0.1 * f64::from(n)), delay_s);
             assert_eq!(seen[0].covariance[(0, 0)] > 5e-8, n == 0, "only who is new may move");
         }
+    }
+
+    #[test]
+    fn a_frame_that_comes_early_and_a_clock_that_is_set_back_are_no_speed() {
+        // What is right behind is seen 0.1 s late: after the next frame's capture time where that comes 0.09 s later.
+        let mut readout = Readout::default();
+        let seen = |readout: &mut Readout, bearing_rad: f64, t: f64| {
+            let mut seen = [peer(bearing_rad, 2.0)];
+            readout.correct(&mut seen, Timestamp::from_secs_f64(t), delay_s);
+            seen[0].clone()
+        };
+        seen(&mut readout, 3.1, 1.0);
+        let early = seen(&mut readout, 3.09, 1.09);
+        assert!(early.bearing_rad > 3.099, "it has its speed from the frame before: {early:?}");
+        let back = seen(&mut readout, 3.08, 0.9);
+        assert_eq!(back.bearing_rad, 3.08);
+        assert!(back.covariance[(0, 0)].sqrt() > 0.01, "nothing is known of its speed");
     }
 
     #[test]
