@@ -164,7 +164,7 @@ impl Calibrator {
             }
         }
         let mut taken = vec![false; floored.len()];
-        for (r, k) in clear_pairs(pairs) {
+        for (r, k) in clear_pairs(&pairs) {
             let standing = self.robots[r].standing_since.is_some();
             let sighted = self.believed(look.robot, r, &floored[k]);
             if let Some(rover) = &mut self.robots[r].rover {
@@ -190,7 +190,7 @@ impl Calibrator {
                 pairs.extend(distance2.map(|d2| (d2, other, k)));
             }
         }
-        for (member, k) in clear_pairs(pairs).into_iter().filter(|(other, _)| self.block.contains(*other)) {
+        for (member, k) in clear_pairs(&pairs).into_iter().filter(|(other, _)| self.block.contains(*other)) {
             let sighted = self.believed(look.robot, member, &floored[k]);
             if let Some(rover) = &mut self.robots[look.robot].rover {
                 rover.update_sees(&self.block, member, look.at, &sighted);
@@ -283,8 +283,8 @@ impl Calibrator {
 
 /// As [`best_pairs`], without those that another pair might be instead: who is unsure of his place must not take another robot
 /// for the one that he expects to see.
-fn clear_pairs(pairs: Vec<(f64, usize, usize)>) -> Vec<(usize, usize)> {
-    let mut chosen = best_pairs(pairs.clone());
+fn clear_pairs(pairs: &[(f64, usize, usize)]) -> Vec<(usize, usize)> {
+    let mut chosen = best_pairs(pairs.to_vec());
     let distance2 = |pair: (usize, usize)| pairs.iter().find(|(_, l, r)| (*l, *r) == pair).map_or(0.0, |p| p.0);
     let of_left: BTreeSet<usize> = chosen.iter().map(|(l, _)| *l).collect();
     let of_right: BTreeSet<usize> = chosen.iter().map(|(_, r)| *r).collect();
