@@ -159,7 +159,7 @@ fn a_robot_that_says_that_it_drives_and_does_not_is_not_mixed_up_with_one_that_d
     let mut wrong: f64 = 0.0;
     let mut leader = Leader::new(LeaderCoreConfig::new("lead".parse().unwrap()));
     World::new(settings, 370).run(&mut leader, |world, map| {
-        let truth = world.truth_at(map.stamp.seconds_since(super::world::clock(0.0))).0;
+        let truth = world.truth_at(map.stamp.seconds_since(world::clock(0.0))).0;
         let beyond = offsets(world, truth, map).into_iter().map(|(_, off, sigma)| off - 5.0 * sigma);
         wrong = beyond.fold(wrong, f64::max);
     });
