@@ -46,7 +46,7 @@ use state::{Context, Seen, State};
 use window::Kept;
 
 pub use likelihood::stretch;
-pub use state::{MOST_REPEAT, ObservedBy};
+pub use state::ObservedBy;
 
 /// Most targets followed at once.
 const MAX_TARGETS: usize = 256;
