@@ -46,7 +46,7 @@ use state::{Context, Seen, State};
 use window::Kept;
 
 pub use likelihood::stretch;
-pub use state::ObservedBy;
+pub use state::{MOST_REPEAT, ObservedBy};
 
 /// Most targets followed at once.
 const MAX_TARGETS: usize = 256;
@@ -56,9 +56,6 @@ const MAX_MEMORIES: usize = 1024;
 const MERGED_SPREAD: f64 = 0.3;
 /// People are looked for so many times as often as owners are reconsidered, where both are done seldom.
 const BIRTHS_OFTENER: u32 = 5;
-/// What a target's place by the map is worth where it is asked whose a track is: its variance is so many times as large. A target
-/// that was given a wrong track is further off than its covariance knows, and would not get its own back.
-const PLACE_DOUBT: f64 = 2.5;
 /// Updates after which a target is believed.
 const CONFIRMED_UPDATES: u32 = 6;
 /// What a robot followed this long ago it still follows, seconds.
@@ -309,10 +306,9 @@ impl Followed {
     }
 }
 
-/// Squared residual over its variance, and the variance, with the poses' errors (of each robot by itself) and doubt of the target's
-/// place.
+/// Squared residual over its variance, and the variance, with the poses' errors (of each robot by itself).
 fn gate_distance2(innovation: &Innovation, target: &Target, m: &BearingFrom, context: &Context<'_>) -> (f64, f64) {
-    let mut var = m.var + PLACE_DOUBT * (innovation.var - m.var);
+    let mut var = innovation.var;
     let mut own_pose_counted = false;
     for (robot, d) in target.dependence() {
         let mut row: RowVector3<f64> = innovation.to_position() * d;

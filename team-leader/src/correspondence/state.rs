@@ -18,7 +18,7 @@ use crate::stereo::triangulate::height_m;
 /// Variance below which the height of a top does not fall, m².
 const TOP_FLOOR_VAR: f64 = 0.0016;
 /// A frame never counts for less than this part of a frame with an error of its own.
-const MOST_REPEAT: f64 = 1.5;
+pub const MOST_REPEAT: f64 = 2.5;
 /// Where the rays leave the place so unsure (larger axis, metres), ranges from feet, head and width help.
 const UNSURE_M: f64 = 0.15;
 /// How much less a range from feet, head and width says with every frame: the gait, the clothes, the shadow stay.

@@ -12,6 +12,7 @@ use nalgebra::{DMatrix, Matrix2, Matrix2x3, Matrix3, RowVector2, RowVector3, Vec
 use protocol::frames::Pose2;
 
 use crate::calibration::kernel;
+use crate::correspondence::MOST_REPEAT;
 use crate::leader::config::TargetConfig;
 use crate::stereo::target::VELOCITY_MEMORY_S;
 
@@ -21,9 +22,6 @@ const REACH_M: f64 = 10.0;
 const LEAST_RANGE_M: f64 = 0.4;
 /// Mean widening of a bearing's variance by its tails' weights, errors being Gaussian.
 const STRETCH: f64 = 1.15;
-/// So many frames count as one at most, their errors being alike. More than the follower's own figure: what it makes too little of there, its
-/// weights for tails take away, and this is what rooms show (`sim-harness guidance`).
-const MOST_REPEAT: f64 = 2.5;
 /// Whoever comes to a place of few sights passes it in about this time, seconds.
 const PASSING_S: f64 = 1.0;
 /// Steps of the filter until it rests.
