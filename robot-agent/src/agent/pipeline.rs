@@ -35,7 +35,8 @@ pub struct Pipeline {
     tracker: Tracker,
     markers: Vec<(Option<RobotId>, Marker)>,
     peer_detector: Option<PeerDetector>,
-    readout: Readout,
+    /// Of a camera that does not see all of a picture at once.
+    readout: Option<Readout>,
     /// Of a camera that looks one way.
     witnesses: Option<Witnesses>,
     gallery: Gallery,
@@ -103,10 +104,10 @@ impl Pipeline {
         motion.upright_row = motion.upright_row.or_else(|| view.upright_row());
         let mut pipeline = Self {
             motion: MotionStage::new(raster, Some(&valid), motion)?,
+            readout: view.is_rolling().then(Readout::default),
             tracker: Tracker::new(raster, view, settings.tracking.clone()),
             markers: Vec::new(),
             peer_detector: None,
-            readout: Readout::default(),
             witnesses: (!camera.camera().is_panoramic()).then(Witnesses::default),
             gallery: Gallery::new(raster),
             frame: None,
@@ -234,8 +235,10 @@ impl Pipeline {
     fn find_peers(&mut self, frame: &Frame) {
         let Some(detector) = &mut self.peer_detector else { return };
         let mut peers = detector.follow(&frame.gray, self.motion.drawn());
-        let view = self.tracker.view();
-        self.readout.correct(&mut peers, frame.capture, |bearing| view.delay_at_s(bearing, 0.0));
+        if let Some(readout) = &mut self.readout {
+            let view = self.tracker.view();
+            readout.correct(&mut peers, frame.capture, |bearing| view.delay_at_s(bearing, 0.0));
+        }
         self.seen.sightings = peers.iter().map(Peer::to_sighting).collect();
         self.seen.sightings.truncate(MAX_SIGHTINGS);
         self.peer_bearings = self.seen.sightings.iter().map(PeerBearing::of).collect();

@@ -62,7 +62,7 @@ impl View {
     /// How much later than the frame's capture time a place was seen, seconds: a camera that reads its rows or columns one after
     /// the other sees what is on one side of the robot before what is on the other.
     pub fn delay_s(&self, column: f64, row: f64) -> f64 {
-        if self.rolling.is_none() {
+        if !self.is_rolling() {
             return 0.0;
         }
         self.angles_rad(column, row).map_or(0.0, |(bearing, elevation)| self.delay_at_s(bearing, elevation))
@@ -118,6 +118,11 @@ impl View {
         let row = g.row_of_elevation(0.0).ceil();
         let inside = row > 0.0 && row < f64::from(g.height());
         self.height_m.filter(|(h, _)| *h < HIPS_M && inside).map(|_| row as usize)
+    }
+
+    /// Whether not all of a picture is seen at once.
+    pub fn is_rolling(&self) -> bool {
+        self.rolling.is_some()
     }
 
     /// Whether this is a ring.

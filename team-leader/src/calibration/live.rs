@@ -157,9 +157,8 @@ impl Calibrator {
         self.changes = Changes::default();
         let sightings: Vec<Sighted> =
             look.sightings.iter().map(|s| Sighted { robot: self.believed_name(look.robot, s.robot), ..*s }).collect();
-        let look = &Look { sightings: &sightings, ..look.clone() };
         let motion = self.motion(look);
-        let look = &Look { motion, ..look.clone() };
+        let look = &Look { motion, sightings: &sightings, ..look.clone() };
         self.follow_motion(look);
         self.find_adrift(look);
         let rest = self.match_sightings(look);

@@ -34,6 +34,16 @@ pub struct Sighted {
     pub robot: Option<usize>,
 }
 
+impl Sighted {
+    /// Squared distances of two sightings in sigmas: by bearing, and by width where both have one.
+    pub fn squares(&self, other: &Self, floor_var: f64) -> (f64, Option<f64>) {
+        let away_rad = wrap(other.bearing_rad - self.bearing_rad);
+        let by_bearing = away_rad * away_rad / (other.bearing_var + self.bearing_var + floor_var);
+        let widths = other.width_rad.zip(self.width_rad);
+        (by_bearing, widths.map(|((a, va), (b, vb))| (a - b) * (a - b) / (va + vb + floor_var)))
+    }
+}
+
 /// The mean of a slot; variances are of the white part alone.
 pub type SlotMean = Sighted;
 
@@ -130,25 +140,14 @@ impl Slot {
 
     /// Squared distance of a sighting from the mean in sigmas, worst coordinate; `None` outside the gate.
     pub fn distance2(&self, sighted: &Sighted, floor_var: f64) -> Option<f64> {
-        let mean = self.mean();
-        let db = wrap(sighted.bearing_rad - mean.bearing_rad);
-        let mut worst = db * db / (sighted.bearing_var + mean.bearing_var + floor_var);
-        if let (Some((a, va)), Some((b, vb))) = (sighted.width_rad, mean.width_rad) {
-            worst = worst.max((a - b) * (a - b) / (va + vb + floor_var));
-        }
-        let names_agree = self.told.is_none() || sighted.robot.is_none() || self.told == sighted.robot;
-        (names_agree && worst < GATE_SIGMAS * GATE_SIGMAS).then_some(worst)
+        let (by_bearing, by_width) = self.mean().squares(sighted, floor_var);
+        let worst = by_width.map_or(by_bearing, |by_width| by_bearing.max(by_width));
+        (self.may_show(sighted) && worst < GATE_SIGMAS * GATE_SIGMAS).then_some(worst)
     }
 
-    /// χ² of a sighting against the mean, and its degrees of freedom.
-    pub fn misfit(&self, sighted: &Sighted, floor_var: f64) -> (f64, u32) {
-        let mean = self.mean();
-        let db = wrap(sighted.bearing_rad - mean.bearing_rad);
-        let by_bearing = db * db / (sighted.bearing_var + mean.bearing_var + floor_var);
-        match (sighted.width_rad, mean.width_rad) {
-            (Some((a, va)), Some((b, vb))) => (by_bearing + (a - b) * (a - b) / (va + vb + floor_var), 2),
-            _ => (by_bearing, 1),
-        }
+    /// Whether the marker that was sighted says nothing against it.
+    pub fn may_show(&self, sighted: &Sighted) -> bool {
+        self.told.is_none() || sighted.robot.is_none() || self.told == sighted.robot
     }
 
     /// How many sightings it has.

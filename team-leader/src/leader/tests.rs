@@ -160,16 +160,7 @@ fn a_robot_that_says_late_that_it_drives_is_not_kept_where_it_stood() {
             duration_s: 13.0,
             ..Settings::default()
         };
-        let mut worst: f64 = 0.0;
-        let mut leader = Leader::new(LeaderCoreConfig::new("lead".parse().unwrap()));
-        World::new(settings, seed).run(&mut leader, |world, map| {
-            let t = map.stamp.seconds_since(world::clock(0.0));
-            if t > 9.0 {
-                let offsets = bad_input::offsets(world, world.truth_at(t).0, map);
-                worst = offsets.iter().map(|(_, off, sigma)| off - 5.0 * sigma).fold(worst, f64::max);
-            }
-        });
-        println!("robot {driver}: {worst:.3} m");
+        let worst = bad_input::farthest_beyond_sigmas_m(settings, seed, 9.0);
         // Two looks at a robot that starts as gently as this one; it is 5 cm away when it says so itself.
         assert!(worst < 0.015, "robot {driver} is {worst:.3} m and 5 sigmas from where it is said to be");
     }

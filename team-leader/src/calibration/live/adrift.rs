@@ -58,9 +58,16 @@ impl Calibrator {
         }
         let peers = self.note_offsets(look);
         for robot in peers.into_iter().chain([look.robot]) {
-            let Some(looks) = self.looks_until_astray(robot, look) else { continue };
-            self.robots[robot].astray = if looks == u32::MAX { 0 } else { self.robots[robot].astray + 1 };
-            if self.robots[robot].astray >= looks {
+            let needed = match self.verdict(robot, look) {
+                Verdict::SaysNothing => continue,
+                Verdict::Stands => {
+                    self.robots[robot].astray = 0;
+                    continue;
+                }
+                Verdict::Astray { looks } => looks,
+            };
+            self.robots[robot].astray += 1;
+            if self.robots[robot].astray >= needed {
                 self.robots[robot].astray = 0;
                 self.robots[robot].standing_since = None;
                 self.robots[robot].adrift = self.block.pose(robot).map(|left| (look.at, left));
@@ -77,32 +84,33 @@ impl Calibrator {
         let named =
             |s: &&mut Slot| s.name.is_some() && s.count() >= LEAST_COUNT && look.at.seconds_since(s.last) < FRESH_S;
         let mut known: Vec<_> = slots.iter_mut().filter(named).collect();
+        let means: Vec<_> = known.iter().map(|slot| slot.mean()).collect();
         let mut pairs = Vec::new();
         for (s, slot) in known.iter().enumerate() {
-            let mean = slot.mean();
             for (k, sighted) in look.sightings.iter().enumerate() {
-                let away_rad = wrap(sighted.bearing_rad - mean.bearing_rad).abs();
-                if away_rad < NEAR_RAD && (slot.told.is_none() || sighted.robot.is_none_or(|r| slot.told == Some(r))) {
+                let away_rad = wrap(sighted.bearing_rad - means[s].bearing_rad).abs();
+                if away_rad < NEAR_RAD && slot.may_show(sighted) {
                     pairs.push((away_rad, s, k));
                 }
             }
         }
         let mut seen = Vec::new();
         for (s, k) in best_pairs(pairs) {
-            let (chi2, n) = known[s].misfit(&look.sightings[k], floor_var);
+            let (by_bearing, by_width) = means[s].squares(&look.sightings[k], floor_var);
+            let (chi2, n) = (by_bearing + by_width.unwrap_or(0.0), 1 + u32::from(by_width.is_some()));
             known[s].off = Some(Off { at: look.at, chi2: chi2.min(MOST_OF_ONE), n });
             seen.extend(known[s].name);
         }
         seen
     }
 
-    /// How many looks in a row like this one show that a robot has left its place: `u32::MAX` where most of its pairs are as they
-    /// were. `None`: the look says nothing of it.
-    fn looks_until_astray(&self, robot: usize, look: &Look<'_>) -> Option<u32> {
+    /// What a look says of whether a robot has left its place.
+    fn verdict(&self, robot: usize, look: &Look<'_>) -> Verdict {
         let mut excess = 0.0;
         let mut pairs = 0;
         let mut off = Vec::new();
-        let mut told = None;
+        // Pairs of this look, and those of them that are off.
+        let (mut looked_at, mut looked_off) = (0, 0);
         for &peer in self.block.members().iter().filter(|&&peer| peer != robot) {
             let pair = self.pair(robot, peer, look.at);
             if pair.n == 0 {
@@ -114,16 +122,24 @@ impl Calibrator {
                 excess += pair.chi2 - f64::from(pair.n);
             }
             if pair.newest == Some(look.at) && (look.robot == robot || look.robot == peer) {
-                told = Some(told.unwrap_or(false) || pair.is_off());
+                looked_at += 1;
+                looked_off += usize::from(pair.is_off());
             }
         }
-        let clear = told? && excess > EXCESS;
-        Some(match off[..] {
+        if looked_at == 0 {
+            return Verdict::SaysNothing;
+        }
+        if looked_off == 0 || excess <= EXCESS {
+            return Verdict::Stands;
+        }
+        match off[..] {
             // The other one may have moved as well, unless somebody else sees it where it was.
-            [peer] if clear && pairs == 1 && self.is_where_it_was(peer, robot, look.at) => LOOKS_OF_ONE_PAIR,
-            [_, _, ..] if clear && 2 * off.len() > pairs => LOOKS,
-            _ => u32::MAX,
-        })
+            [peer] if pairs == 1 && self.is_where_it_was(peer, robot, look.at) => {
+                Verdict::Astray { looks: LOOKS_OF_ONE_PAIR }
+            }
+            [_, _, ..] if 2 * off.len() > pairs => Verdict::Astray { looks: LOOKS },
+            _ => Verdict::Stands,
+        }
     }
 
     /// Whether most of the others see a robot where it was, and it them.
@@ -144,6 +160,17 @@ impl Calibrator {
             newest: pair.newest.max(Some(off.at)),
         })
     }
+}
+
+/// What a look says of a robot that says that it stands.
+#[derive(Debug, Clone, Copy)]
+enum Verdict {
+    /// It shows no pair of it.
+    SaysNothing,
+    /// Most of its pairs are as they were, or chance explains them.
+    Stands,
+    /// It has left its place, if so many looks in a row say so.
+    Astray { looks: u32 },
 }
 
 /// How far off two robots see each other at present: χ², its degrees of freedom, and as of when.
