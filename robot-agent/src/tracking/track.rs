@@ -439,13 +439,17 @@ impl Track {
 
     /// That it is a real moving object.
     pub(super) fn confidence(&self) -> f64 {
-        let evidence = 1.0 - (-f64::from(self.hits) / 6.0).exp();
         let seen = match self.state {
             TrackState::Visible => 1.0,
             TrackState::Merged => 0.8,
             TrackState::Hidden => 0.5,
         };
-        evidence * seen
+        self.evidence_of_age() * seen
+    }
+
+    /// What having been seen for so long says for a real object, 0 to 1.
+    pub(super) fn evidence_of_age(&self) -> f64 {
+        1.0 - (-f64::from(self.hits) / 6.0).exp()
     }
 
     pub(super) fn class(&self) -> ObjectClass {
