@@ -6,7 +6,6 @@
 //! is compared with the truth, as is the covariance that it states.
 
 use std::sync::Arc;
-use std::sync::atomic::{AtomicUsize, Ordering};
 
 use nalgebra::RowDVector;
 use protocol::id::RobotId;
@@ -14,6 +13,7 @@ use protocol::message::{Motion, TeamMap};
 use protocol::time::Timestamp;
 use serde::Serialize;
 
+use crate::parallel;
 use crate::peers::layout;
 use crate::peers::trial::Kind;
 use crate::render::Renderer;
@@ -87,30 +87,13 @@ pub struct Row {
 /// A team that cannot be run.
 pub fn run(plan: &Plan, each: &(dyn Fn() + Sync)) -> Result<Vec<Sample>, String> {
     let rays = Arc::new(Rays::trace(&plan.camera));
-    let next = AtomicUsize::new(0);
-    let mut samples = std::thread::scope(|scope| {
-        let work = || {
-            let mut done = Vec::new();
-            loop {
-                let n = next.fetch_add(1, Ordering::Relaxed);
-                if n >= plan.layouts {
-                    return Ok::<Vec<Sample>, String>(done);
-                }
-                // Layouts' seeds are their own: the next one does not begin where a drawing that failed ended.
-                let seed = plan.seed + n as u64;
-                done.extend(sample(plan, &rays, seed)?);
-                each();
-            }
-        };
-        let workers: Vec<_> = (0..plan.threads.max(1)).map(|_| scope.spawn(work)).collect();
-        let mut samples = Vec::new();
-        for worker in workers {
-            samples.extend(worker.join().map_err(|_| "a worker ended early".to_owned())??);
-        }
-        Ok::<_, String>(samples)
-    })?;
-    samples.sort_by_key(|s| s.seed);
-    Ok(samples)
+    let samples = parallel::map(plan.threads, 0..plan.layouts, |n| {
+        // Layouts' seeds are their own: the next one does not begin where a drawing that failed ended.
+        let sample = sample(plan, &rays, plan.seed + n as u64);
+        each();
+        sample
+    });
+    samples.into_iter().filter_map(Result::transpose).collect()
 }
 
 fn sample(plan: &Plan, rays: &Arc<Rays>, seed: u64) -> Result<Option<Sample>, String> {

@@ -17,6 +17,8 @@ use robot_agent::picture::Gallery;
 use robot_agent::tracking::{Tracker, TrackerSettings, View};
 use serde::Serialize;
 
+use crate::score::statistics::percentile;
+
 pub use floor::Floors;
 pub use frames::{Frames, FramesError};
 
@@ -168,9 +170,9 @@ pub fn run(frames: &Frames, warm: usize) -> Result<Report, BenchError> {
         camera_px: frames.lut.source_size_px(),
         panorama_px: [width, height],
         kernels: robot_agent::motion::kernel::level(),
-        total_us_median: quantile(&mut totals, 0.5),
-        total_us_p99: quantile(&mut totals, 0.99),
-        us_median: PerStage::from_array(laps.map(|mut l| quantile(&mut l, 0.5))),
+        total_us_median: quantile(&totals, 0.5),
+        total_us_p99: quantile(&totals, 0.99),
+        us_median: PerStage::from_array(laps.map(|l| quantile(&l, 0.5))),
         floor_total_us: floors.stages.to_array().iter().sum(),
         floor_us: floors.stages,
         det_mean: detections as f64 / n as f64,
@@ -181,7 +183,7 @@ pub fn run(frames: &Frames, warm: usize) -> Result<Report, BenchError> {
     })
 }
 
-/// The exact median of 30 panoramas spread over the frames, the quickest of ten times.
+/// The exact median of 30 panoramas spread over the frames, the median of ten times.
 fn median_of_30(frames: &Frames, out: &mut [u8]) -> Result<f64, robot_agent::panorama::UnwarpError> {
     let step = (frames.len() / 30).max(1);
     let mut stack = Vec::new();
@@ -191,18 +193,17 @@ fn median_of_30(frames: &Frames, out: &mut [u8]) -> Result<f64, robot_agent::pan
         stack.push(out.to_vec());
     }
     let stack: Vec<&[u8]> = stack.iter().map(Vec::as_slice).collect();
-    let mut times: Vec<f64> = (0..10)
+    let times: Vec<f64> = (0..10)
         .map(|_| {
             let start = Instant::now();
             robot_agent::motion::kernel::median(&stack, out);
             start.elapsed().as_secs_f64() * 1e6
         })
         .collect();
-    Ok(quantile(&mut times, 0.5))
+    Ok(quantile(&times, 0.5))
 }
 
-fn quantile(values: &mut [f64], share: f64) -> f64 {
-    let index = ((values.len() as f64 * share) as usize).min(values.len() - 1);
-    let (_, value, _) = values.select_nth_unstable_by(index, f64::total_cmp);
-    *value
+/// [`percentile`]; 0 where nothing was measured.
+fn quantile(values: &[f64], share: f64) -> f64 {
+    percentile(values, share).unwrap_or(0.0)
 }

@@ -9,6 +9,7 @@ pub mod efficiency;
 pub mod guidance;
 pub mod motion;
 pub mod network;
+mod parallel;
 pub mod peers;
 pub mod recorded;
 pub mod render;

@@ -10,8 +10,7 @@ pub mod pictures;
 pub mod statistics;
 pub mod trial;
 
-use std::sync::atomic::{AtomicUsize, Ordering};
-
+use crate::parallel;
 use crate::scenario::CameraSpec;
 pub use statistics::Report;
 use trial::{Eyes, Sighting, View};
@@ -54,24 +53,11 @@ pub struct Outcome {
 /// Renders and looks; `each` is called after every layout.
 pub fn run(plan: &Plan, each: &(dyn Fn() + Sync)) -> Result<Vec<Outcome>, PeersError> {
     let eyes = Eyes::of(&plan.camera)?;
-    let next = AtomicUsize::new(0);
-    let mut outcomes: Vec<(usize, Outcome)> = std::thread::scope(|scope| {
-        let work = || {
-            let mut done = Vec::new();
-            loop {
-                let n = next.fetch_add(1, Ordering::Relaxed);
-                if n >= plan.layouts {
-                    return done;
-                }
-                done.push((n, trial::look(&eyes, plan, plan.seed + n as u64)));
-                each();
-            }
-        };
-        let handles: Vec<_> = (0..plan.threads.max(1)).map(|_| scope.spawn(work)).collect();
-        handles.into_iter().filter_map(|h| h.join().ok()).flatten().collect()
-    });
-    outcomes.sort_by_key(|(n, _)| *n);
-    Ok(outcomes.into_iter().map(|(_, outcome)| outcome).collect())
+    Ok(parallel::map(plan.threads, 0..plan.layouts, |n| {
+        let outcome = trial::look(&eyes, plan, plan.seed + n as u64);
+        each();
+        outcome
+    }))
 }
 
 #[cfg(test)]

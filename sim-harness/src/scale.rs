@@ -24,6 +24,7 @@ use protocol::message::TeamMap;
 use protocol::transport::{Options, Transport};
 use serde::{Deserialize, Serialize};
 
+use crate::score::statistics::percentile;
 use crate::team::{self, TeamError, failed};
 use room::Room;
 
@@ -259,7 +260,7 @@ async fn measure_async(
         load: load.clone(),
         leader_cores: (end.cpu_s - start.cpu_s) / since.elapsed().as_secs_f64().max(1e-3),
         latency_ms: [0.0; 3],
-        capture_to_map_ms: percentiles(ages),
+        capture_to_map_ms: percentiles(&ages),
         sent,
         heard: 0,
         lost: 0,
@@ -273,25 +274,13 @@ async fn measure_async(
     })
 }
 
-fn percentiles(mut values: Vec<f64>) -> [f64; 3] {
-    values.sort_by(f64::total_cmp);
-    let at = |share: f64| values.get((share * values.len() as f64) as usize).or(values.last()).copied().unwrap_or(0.0);
-    [at(0.5), at(0.99), at(1.0)]
+/// Median, 99th percentile and largest.
+fn percentiles(values: &[f64]) -> [f64; 3] {
+    [0.5, 0.99, 1.0].map(|share| percentile(values, share).unwrap_or(0.0))
 }
 
 /// Flushes a line to the parent.
 fn say(line: &str) -> Result<(), TeamError> {
     let mut output = std::io::stdout().lock();
     writeln!(output, "{line}").and_then(|()| output.flush()).map_err(failed)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn percentiles_are_of_the_sorted_values() {
-        assert_eq!(percentiles((0..100).rev().map(f64::from).collect()), [50.0, 99.0, 99.0]);
-        assert_eq!(percentiles(Vec::new()), [0.0; 3]);
-    }
 }

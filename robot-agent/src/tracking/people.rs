@@ -268,7 +268,7 @@ const ALONE_M: f64 = 0.03;
 /// How long it takes to be alone: what was learnt of him among others wears off, seconds.
 const ALONE_S: f64 = 4.0;
 /// What is told of the lateral error as it was measured over all that is followed for long, …
-const TOLD: f64 = 0.78;
+const TOLD: f64 = 0.8;
 /// … and what is told beside it of a track that has just begun, metres: one of three is a piece of a body, or a shadow.
 const YOUNG_M: f64 = 0.18;
 /// Somebody within this angle of his box is company, radians.

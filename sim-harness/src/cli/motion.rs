@@ -2,8 +2,6 @@
 
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
-use std::sync::Mutex;
-use std::sync::atomic::{AtomicUsize, Ordering};
 
 use clap::Args;
 use indicatif::ProgressBar;
@@ -12,6 +10,7 @@ use super::record::Format;
 use super::seeds::{Seeds, parse};
 use crate::motion::score::{Errors, Regime};
 use crate::motion::{Case, Claim, Tally, Trial, TrialError, run as run_trial, verdict};
+use crate::parallel;
 
 /// Arguments of `motion`.
 #[derive(Debug, Clone, Args)]
@@ -88,26 +87,11 @@ fn run_all(
     threads: usize,
     done: impl Fn(&Trial) -> Result<(), String> + Sync,
 ) -> Result<Vec<Tally>, String> {
-    let next = AtomicUsize::new(0);
-    let results: Vec<Mutex<Option<Result<Tally, String>>>> = jobs.iter().map(|_| Mutex::new(None)).collect();
-    std::thread::scope(|scope| {
-        for _ in 0..threads.min(jobs.len()) {
-            scope.spawn(|| {
-                loop {
-                    let n = next.fetch_add(1, Ordering::Relaxed);
-                    let (Some((case, seed)), Some(slot)) = (jobs.get(n), results.get(n)) else { break };
-                    let result = run_trial(*case, *seed)
-                        .map_err(|e: TrialError| e.to_string())
-                        .and_then(|trial| done(&trial).map(|()| Tally::of(&trial)));
-                    if let Ok(mut slot) = slot.lock() {
-                        *slot = Some(result);
-                    }
-                }
-            });
-        }
+    let tallies = parallel::map(threads, jobs, |(case, seed)| {
+        let trial = run_trial(*case, *seed).map_err(|e: TrialError| e.to_string())?;
+        done(&trial).map(|()| Tally::of(&trial))
     });
-    let lost = || Err("a trial was given up".to_owned());
-    results.into_iter().map(|r| r.into_inner().ok().flatten().unwrap_or_else(lost)).collect()
+    tallies.into_iter().collect()
 }
 
 fn write_trial(out: &Path, trial: &Trial) -> Result<(), String> {

@@ -14,12 +14,12 @@ use std::fs;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use std::sync::atomic::{AtomicUsize, Ordering};
 
 use image::ImageEncoder;
 use image::codecs::png::{CompressionType, FilterType, PngEncoder};
 use indicatif::ProgressBar;
 
+use crate::parallel;
 use crate::render::{Picture, Renderer};
 use crate::scenario::{Scenario, ScenarioError};
 use crate::world::robot::START_STAMP_S;
@@ -126,15 +126,10 @@ fn record(args: &RecordArgs) -> Result<String, RecordError> {
     make_folder(out)?;
     write(&out.join("markers.json"), &json_lines([config::markers(&scenario)]))?;
     write(&out.join("leader.toml"), &config::leader_toml(world.robots().len()))?;
-    let jobs: Vec<Job> = Renderer::team(&world)
-        .into_iter()
-        .enumerate()
-        .map(|(robot, renderer)| Job { robot, renderer, visible: Vec::new() })
-        .collect();
+    let renderers = world.robots().iter().zip(Renderer::team(&world));
     let total: usize = world.robots().iter().map(|r| captures(r, duration_s).count()).sum();
     let progress = ProgressBar::new(total as u64);
-    let jobs = work(jobs, |job| {
-        let robot = &world.robots()[job.robot];
+    let visible = parallel::map(parallel::processors(), renderers, |(robot, mut renderer)| {
         let folder = out.join(robot.id.as_str());
         make_folder(&folder.join("frames"))?;
         write(&folder.join("camera.toml"), scenario.camera_toml_of(&robot.id).as_bytes())?;
@@ -142,18 +137,17 @@ fn record(args: &RecordArgs) -> Result<String, RecordError> {
         let mut table = String::from("file,capture_ns\n");
         for (n, capture) in captures(robot, duration_s).enumerate() {
             let name = format!("{n:06}.png");
-            let picture = job.renderer.render(capture.true_time_s);
+            let picture = renderer.render(capture.true_time_s);
             write_png(&folder.join("frames").join(&name), &picture)?;
             table.push_str(&format!("{name},{}\n", capture.stamp.0));
             progress.inc(1);
         }
         write(&folder.join("frames").join("frames.csv"), table.as_bytes())?;
         let ticks = (duration_s / TRUTH_STEP_S + 1e-9) as usize;
-        job.visible = (0..=ticks).map(|i| job.renderer.visible_fraction(i as f64 * TRUTH_STEP_S)).collect();
-        Ok(())
-    })?;
+        Ok((0..=ticks).map(|i| renderer.visible_fraction(i as f64 * TRUTH_STEP_S)).collect())
+    });
     progress.finish_and_clear();
-    let visible: Vec<Vec<Vec<f64>>> = jobs.into_iter().map(|j| j.visible).collect();
+    let visible: Vec<Vec<Vec<f64>>> = visible.into_iter().collect::<Result<_, RecordError>>()?;
     let lines = (0..visible.first().map_or(0, Vec::len)).map(|i| {
         let state = world.at(i as f64 * TRUTH_STEP_S);
         truth::line(&state, world.camera(), |robot, person| visible[robot][i][person])
@@ -175,34 +169,8 @@ fn record(args: &RecordArgs) -> Result<String, RecordError> {
     })
 }
 
-struct Job {
-    robot: usize,
-    renderer: Renderer,
-    visible: Vec<Vec<f64>>,
-}
-
 fn captures(robot: &crate::world::Robot, duration_s: f64) -> impl Iterator<Item = &crate::world::Capture> {
     robot.captures.iter().take_while(move |c| c.true_time_s <= duration_s)
-}
-
-/// Works all jobs on as many threads as there are processors; the first error wins.
-fn work(jobs: Vec<Job>, each: impl Fn(&mut Job) -> Result<(), RecordError> + Sync) -> Result<Vec<Job>, RecordError> {
-    let threads = std::thread::available_parallelism().map_or(1, usize::from).min(jobs.len()).max(1);
-    let next = AtomicUsize::new(0);
-    let slots: Vec<_> = jobs.into_iter().map(|job| std::sync::Mutex::new((job, Ok(())))).collect();
-    std::thread::scope(|scope| {
-        for _ in 0..threads {
-            scope.spawn(|| {
-                while let Some(slot) = slots.get(next.fetch_add(1, Ordering::Relaxed)) {
-                    if let Ok(mut slot) = slot.lock() {
-                        let result = each(&mut slot.0);
-                        slot.1 = result;
-                    }
-                }
-            });
-        }
-    });
-    slots.into_iter().filter_map(|slot| slot.into_inner().ok()).map(|(job, result)| result.map(|()| job)).collect()
 }
 
 fn make_folder(folder: &Path) -> Result<(), RecordError> {

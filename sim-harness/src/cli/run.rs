@@ -3,7 +3,6 @@
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
-use std::sync::atomic::{AtomicUsize, Ordering};
 
 use clap::{Args, ValueEnum};
 use indicatif::{ProgressBar, ProgressStyle};
@@ -11,6 +10,7 @@ use protocol::id::RobotId;
 
 use super::record::Format;
 use super::{seeds, table};
+use crate::parallel;
 use crate::scenario::Scenario;
 use crate::score::{Scores, Summary};
 use crate::team::diagnosis::{diagnose, summary as diagnosis_summary};
@@ -164,44 +164,27 @@ pub(super) fn one(
 fn many(scenario: &Scenario, seeds: &[u64], args: &RunArgs, settings: &TeamSettings) -> Result<Vec<Scores>, TeamError> {
     let at_once = match args.transport {
         Transport::Zenoh => 1,
-        Transport::Simulated => std::thread::available_parallelism().map_or(1, usize::from).min(seeds.len()),
+        Transport::Simulated => parallel::processors().min(seeds.len()),
     };
     let length_s = settings.duration_s.unwrap_or(f64::INFINITY).min(scenario.duration_s);
     let bar = progress(length_s * seeds.len() as f64);
-    let next = AtomicUsize::new(0);
-    let results: Vec<Mutex<Option<Result<Scores, TeamError>>>> = seeds.iter().map(|_| Mutex::new(None)).collect();
-    std::thread::scope(|scope| {
-        for _ in 0..at_once.max(1) {
-            scope.spawn(|| {
-                while let Some((slot, seed)) = take(&next, &results, seeds) {
-                    let told = Mutex::new(0.0);
-                    let tell = |now_s: f64| {
-                        if let Ok(mut told) = told.lock() {
-                            bar.inc((now_s - *told) as u64);
-                            *told += (now_s - *told).floor();
-                        }
-                    };
-                    let result = one(scenario, seed, args.transport, settings, &tell).and_then(|outcome| {
-                        let scored = outcome.score();
-                        if let Some(folder) = &args.out {
-                            output::write_all(&outcome, &scored, &folder.join(format!("seed-{seed}")))?;
-                        }
-                        Ok(scored.scores)
-                    });
-                    if let Ok(mut slot) = slot.lock() {
-                        *slot = Some(result);
-                    }
-                }
-            });
+    let results = parallel::map(at_once, seeds, |&seed| {
+        let told = Mutex::new(0.0);
+        let tell = |now_s: f64| {
+            if let Ok(mut told) = told.lock() {
+                bar.inc((now_s - *told) as u64);
+                *told += (now_s - *told).floor();
+            }
+        };
+        let outcome = one(scenario, seed, args.transport, settings, &tell)?;
+        let scored = outcome.score();
+        if let Some(folder) = &args.out {
+            output::write_all(&outcome, &scored, &folder.join(format!("seed-{seed}")))?;
         }
+        Ok(scored.scores)
     });
     bar.finish_and_clear();
-    results.into_iter().filter_map(|slot| slot.into_inner().ok().flatten()).collect()
-}
-
-fn take<'a, T>(next: &AtomicUsize, slots: &'a [T], seeds: &[u64]) -> Option<(&'a T, u64)> {
-    let index = next.fetch_add(1, Ordering::Relaxed);
-    slots.get(index).zip(seeds.get(index).copied())
+    results.into_iter().collect()
 }
 
 pub(super) fn report(args: &RunArgs, outcome: &Outcome, scored: &Scored) -> Result<String, TeamError> {

@@ -1,8 +1,5 @@
 //! Draws of a case through the solver.
 
-use std::sync::Mutex;
-use std::sync::atomic::{AtomicUsize, Ordering};
-
 use nalgebra::{DMatrix, DVector};
 use protocol::marker::Marker;
 use rand::SeedableRng;
@@ -18,6 +15,7 @@ use super::cases::{Case, Noise, SEED};
 use super::reference::{estimate, squared_errors};
 use super::scene::{CAMERA_M, Measurement, PLATE_M, RADIUS_M, Scene, What, Worn, bar_azimuth, turn};
 use super::statistics::{kolmogorov_chi2, mean_bounds};
+use crate::parallel;
 
 /// Where the baseline's bound relative to the baseline is above this, the bound is only a first approximation.
 pub const LINEAR_BELOW: f64 = 0.08;
@@ -116,26 +114,12 @@ pub struct Outcome {
 
 /// Runs all cases, in their order.
 pub fn run(cases: &[Case], plan: &Plan, progress: &(dyn Fn() + Sync)) -> Vec<Outcome> {
-    let next = AtomicUsize::new(0);
-    let done = Mutex::new(Vec::new());
-    std::thread::scope(|scope| {
-        for _ in 0..plan.threads.max(1) {
-            scope.spawn(|| {
-                loop {
-                    let k = next.fetch_add(1, Ordering::Relaxed);
-                    let Some(case) = cases.get(k) else { break };
-                    let outcome = run_case(case, plan, cases.len());
-                    if let Ok(mut done) = done.lock() {
-                        done.push((k, outcome));
-                    }
-                    progress();
-                }
-            });
-        }
+    let outcomes = parallel::map(plan.threads, cases, |case| {
+        let outcome = run_case(case, plan, cases.len());
+        progress();
+        outcome
     });
-    let mut done = done.into_inner().unwrap_or_default();
-    done.sort_by_key(|(k, _)| *k);
-    done.into_iter().filter_map(|(_, outcome)| outcome).collect()
+    outcomes.into_iter().flatten().collect()
 }
 
 /// Runs a case; `None` where the measurements do not determine the layout.
