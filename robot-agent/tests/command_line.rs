@@ -250,3 +250,26 @@ fn pictures_of_a_turning_arm_become_a_mosaic_that_knows_the_time_of_its_columns(
     std::fs::write(path("mosaic.toml"), CAMERA).unwrap();
     assert_fails(&run(&[]), 2, &["mosaic.toml", "must be \"mosaic\""]);
 }
+
+#[test]
+fn markers_of_peers_may_be_one_or_many_and_a_bad_one_is_named() {
+    let folder = folder();
+    image::GrayImage::new(768, 576).save(folder.path().join("dark.png")).unwrap();
+    let peers = |markers: &str| {
+        std::fs::write(folder.path().join("markers.json"), markers).unwrap();
+        let arguments = ["peers", "dark.png", "--camera", "camera.toml", "--markers", "markers.json"];
+        robot_agent(folder.path(), &arguments, "")
+    };
+    let one = r#"{"kind":"cylinder","radius_m":0.2,"height_m":[0.1,0.5]}"#;
+    let named = one.replace('{', "{\"robot\":\"r2\",");
+    for markers in [one.to_owned(), format!("[{one},{named}]")] {
+        let output = peers(&markers);
+        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+        assert_eq!(lines(&output)[0]["peers"], serde_json::json!([]));
+    }
+    assert_fails(&peers("[]"), 2, &["markers.json", "empty array"]);
+    assert_fails(&peers("{"), 2, &["markers.json", "not JSON"]);
+    assert_fails(&peers(r#"{"kind":"cylinder","radius_m":-0.2}"#), 2, &["markers.json", "radius_m"]);
+    assert_fails(&peers(r#"{"robot":"R 2","kind":"cylinder","radius_m":0.2}"#), 2, &["marker 0"]);
+    assert_fails(&peers(r#"[{"kind":"cylinder","radius":0.2}]"#), 2, &["markers.json", "marker 0", "radius"]);
+}
