@@ -76,11 +76,13 @@ pub enum Kind {
     Recent = 15,
     /// [`crate::message::Surroundings`].
     Surroundings = 16,
+    /// [`crate::message::Edges`].
+    Edges = 17,
 }
 
 impl Kind {
     /// All kinds, in the order of their numbers.
-    pub const ALL: [Self; 16] = [
+    pub const ALL: [Self; 17] = [
         Self::Announcement,
         Self::Observation,
         Self::Alarm,
@@ -97,6 +99,7 @@ impl Kind {
         Self::Candidacy,
         Self::Recent,
         Self::Surroundings,
+        Self::Edges,
     ];
 
     /// The kind of that number.
@@ -123,6 +126,7 @@ impl Kind {
             Self::Candidacy => "candidacy",
             Self::Recent => "recent observations",
             Self::Surroundings => "surroundings",
+            Self::Edges => "edges",
         }
     }
 
@@ -130,7 +134,7 @@ impl Kind {
     /// rounded up. A map of more than some 250 robots or 1000 targets with all their Jacobians does not fit.
     pub const fn max_bytes(self) -> usize {
         match self {
-            Self::Announcement | Self::Health => 4 << 10,
+            Self::Announcement | Self::Health | Self::Edges => 4 << 10,
             Self::Observation | Self::Recent => 16 << 10,
             Self::Alarm => 512,
             Self::Command | Self::Guidance => 256,

@@ -1,7 +1,7 @@
 //! Key expressions, built and parsed here and nowhere else.
 //!
 //! ```text
-//! pal/{team}/robot/{robot}/alive | announcement | observation | alarm | health | command | clock
+//! pal/{team}/robot/{robot}/alive | announcement | observation | alarm | health | edges | command | clock
 //! pal/{team}/robot/{robot}/picture/{kind}
 //! pal/{team}/leader/{leader}/alive | candidacy
 //! pal/{team}/map
@@ -66,6 +66,8 @@ pub enum RobotTopic {
     Alarm,
     /// How it is doing.
     Health,
+    /// What stands still round it.
+    Edges,
     /// Queryable: a picture.
     Picture(PictureKind),
     /// Queryable: a request.
@@ -185,6 +187,7 @@ impl RobotTopic {
             Self::Observation => Some(Kind::Observation),
             Self::Alarm => Some(Kind::Alarm),
             Self::Health => Some(Kind::Health),
+            Self::Edges => Some(Kind::Edges),
             Self::Picture(_) => Some(Kind::Picture),
             Self::Command => Some(Kind::Command),
             Self::Clock => Some(Kind::ClockProbe),
@@ -200,6 +203,7 @@ impl fmt::Display for RobotTopic {
             Self::Observation => f.write_str("observation"),
             Self::Alarm => f.write_str("alarm"),
             Self::Health => f.write_str("health"),
+            Self::Edges => f.write_str("edges"),
             Self::Picture(kind) => write!(f, "picture/{kind}"),
             Self::Command => f.write_str("command"),
             Self::Clock => f.write_str("clock"),
@@ -261,6 +265,7 @@ fn robot_topic(chunks: &[&str], shown: &dyn Fn() -> String) -> Result<RobotTopic
         ["observation"] => RobotTopic::Observation,
         ["alarm"] => RobotTopic::Alarm,
         ["health"] => RobotTopic::Health,
+        ["edges"] => RobotTopic::Edges,
         ["picture", kind] => {
             RobotTopic::Picture(kind.parse().map_err(|source| KeyError::Picture { key: shown(), source })?)
         }
@@ -336,6 +341,7 @@ mod tests {
             "pal/blue/robot/r1/observation",
             "pal/blue/robot/r1/alarm",
             "pal/blue/robot/r1/health",
+            "pal/blue/robot/r1/edges",
             "pal/blue/robot/r1/command",
             "pal/blue/robot/r1/clock",
             "pal/blue/robot/r1/picture/panorama",
@@ -421,6 +427,7 @@ mod tests {
             RobotTopic::Observation,
             RobotTopic::Alarm,
             RobotTopic::Health,
+            RobotTopic::Edges,
             RobotTopic::Command,
             RobotTopic::Clock,
         ];

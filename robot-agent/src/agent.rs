@@ -17,7 +17,7 @@ mod surroundings;
 mod team;
 mod witness;
 
-use protocol::message::{Alarm, AlarmKind, Announcement, CameraSummary, Observation, Stages};
+use protocol::message::{Alarm, AlarmKind, Announcement, CameraSummary, Edges, Observation, Stages};
 use protocol::time::Timestamp;
 
 pub use event::{Frame, Input, Output, PictureKind, Progress, Token};
@@ -207,6 +207,9 @@ impl Agent {
         self.duties.frame_done(now.seconds_since(capture));
         if self.paused {
             return;
+        }
+        if let Some(edges) = seen.edges {
+            out.push(Output::Edges(Edges { epoch: self.epoch, at: capture, edges }));
         }
         let observation = Observation {
             epoch: self.epoch,

@@ -10,4 +10,5 @@ pub mod panorama;
 pub mod peers;
 pub mod picture;
 pub mod service;
+pub mod structure;
 pub mod tracking;

@@ -21,6 +21,7 @@ use protocol::key::{Key, RobotTopic, Topic};
 use protocol::time::Timestamp;
 use serde::{Deserialize, Serialize};
 use team_leader::leader::{Input, Leader, LeaderCoreConfig, Output};
+use team_leader::team_map::json::EdgeJson;
 
 use crate::bandwidth::VideoRate;
 use crate::scenario::Scenario;
@@ -89,6 +90,7 @@ pub fn leader_input(key: &Key, envelope: &[u8]) -> Result<Option<Input>, DecodeE
         RobotTopic::Clock => Input::ClockReply(robot, decode(envelope)?),
         RobotTopic::Alarm => Input::Alarm(decode(envelope)?),
         RobotTopic::Health => Input::Health(decode(envelope)?),
+        RobotTopic::Edges => Input::Edges(robot, decode(envelope)?),
         RobotTopic::Picture(_) | RobotTopic::Command => return Ok(None),
     }))
 }
@@ -206,6 +208,7 @@ impl Recording {
             names: robots,
             duration_s,
             zero: leader_clock(0),
+            edges: leader.structure().iter().map(EdgeJson::of).collect(),
             maps,
             observations,
             heard,

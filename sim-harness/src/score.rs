@@ -19,6 +19,7 @@ pub mod mot;
 pub mod nees;
 pub mod scores;
 pub mod statistics;
+pub mod structure;
 pub mod summary;
 pub mod visibility;
 

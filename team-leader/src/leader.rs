@@ -24,11 +24,12 @@ use protocol::fence::Fence;
 use protocol::id::{LeaderId, RobotId};
 use protocol::message::map::MAX_EXPLANATION_LEN;
 use protocol::message::{
-    Alarm, Announcement, Candidacy, ClockProbe, ClockReply, Guidance, Health, MapStatus, MapTarget, Observation,
+    Alarm, Announcement, Candidacy, ClockProbe, ClockReply, Edges, Guidance, Health, MapStatus, MapTarget, Observation,
     Recent, Surroundings, TeamMap,
 };
 use protocol::time::Timestamp;
 
+use crate::structure::Landmark;
 use crate::team_map::build::{RobotFacts, build};
 use alarms::AlarmLog;
 use components::{Component, Exchange};
@@ -69,6 +70,8 @@ pub enum Input {
     Alarm(Alarm),
     /// A robot's health.
     Health(Health),
+    /// What stands upright round a robot.
+    Edges(RobotId, Edges),
     /// Another leader's liveliness token appeared.
     LeaderAlive(LeaderId),
     /// Another leader's liveliness token vanished.
@@ -192,6 +195,7 @@ impl Leader {
                 let verdict = self.sessions.heard(now, health.robot, health.epoch);
                 self.is_used(health.robot, verdict, outputs);
             }
+            Input::Edges(robot, edges) => self.looked_round(now, robot, &edges, outputs),
             Input::Map(map) => self.map_heard(now, &map, outputs),
             Input::LeaderAlive(_)
             | Input::LeaderGone(_)
@@ -220,6 +224,13 @@ impl Leader {
         let probes = self.members.iter().filter_map(|m| m.next_probe(&self.config.clock));
         let map = self.last_map.filter(|_| self.owes_map).map(|last| last.offset_by_secs(MAP_INTERVAL_S));
         probes.chain([self.succession.next()]).chain(map).min()
+    }
+
+    /// What stands still in the team's frame: upright edges that two robots have seen, or one from two places.
+    pub fn structure(&self) -> Vec<(&Landmark, Vec<RobotId>)> {
+        let landmarks = self.components.first().map_or(&[][..], |team| team.structure.landmarks());
+        let names = |robots: &[usize]| robots.iter().filter_map(|k| Some(self.members.get(*k)?.id)).collect();
+        landmarks.iter().map(|landmark| (landmark, names(&landmark.robots))).collect()
     }
 
     /// Whether observations have been used that no map has shown yet.

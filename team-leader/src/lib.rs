@@ -15,5 +15,6 @@ pub mod provision;
 pub mod service;
 pub mod solve;
 pub mod stereo;
+pub mod structure;
 pub mod team_map;
 pub mod timeline;

@@ -40,6 +40,7 @@ const GRID: Rgb<u8> = Rgb([226, 226, 222]);
 const INK: Rgb<u8> = Rgb([40, 40, 44]);
 const FAINT: Rgb<u8> = Rgb([150, 150, 150]);
 const FURNITURE: Rgb<u8> = Rgb([205, 198, 186]);
+const EDGE: Rgb<u8> = Rgb([96, 84, 70]);
 const ROBOT: Rgb<u8> = Rgb([38, 84, 160]);
 const TRUTH: Rgb<u8> = Rgb([20, 140, 70]);
 const TARGETS: [Rgb<u8>; 6] = [
@@ -60,6 +61,8 @@ pub struct Overlay {
     pub robots: Vec<(String, Pose2)>,
     /// Where the people truly are.
     pub people: Vec<(String, [f64; 2])>,
+    /// Upright edges of the map: where, and their covariance.
+    pub edges: Vec<([f64; 2], Matrix2<f64>)>,
 }
 
 /// The recent past of all targets.
@@ -185,6 +188,10 @@ fn surroundings(canvas: &mut Canvas, view: &View, overlay: &Overlay) {
         points.extend(points.first().copied());
         canvas.polyline(&points, 2.0, FURNITURE, 1.0);
     }
+    for (at, covariance) in &overlay.edges {
+        ellipse(canvas, view, *at, covariance, ELLIPSE_SIGMAS, EDGE, 0.0);
+        canvas.disc(view.px(*at), 2.2, EDGE, 1.0);
+    }
 }
 
 fn robot(canvas: &mut Canvas, view: &View, robot: &MapRobot, pose: &Pose2, covariance: &Matrix2<f64>) {
@@ -260,8 +267,9 @@ fn legend(canvas: &mut Canvas, view: &View, overlay: Option<&Overlay>) {
     let foot = f64::from(height) - 24.0;
     canvas.line([14.0, foot + 8.0], [14.0 + view.px_per_m(), foot + 8.0], 2.5, INK, 1.0);
     let green = if overlay.is_some() { " · green: truth" } else { "" };
+    let brown = if overlay.is_some_and(|o| !o.edges.is_empty()) { " · brown dots: upright edges" } else { "" };
     let legend =
-        format!("1 m · ellipses 95 % (robots' drawn ×{ROBOT_ELLIPSE_SCALE:.0}) · trails {TRAIL_S:.0} s{green}");
+        format!("1 m · ellipses 95 % (robots' drawn ×{ROBOT_ELLIPSE_SCALE:.0}) · trails {TRAIL_S:.0} s{brown}{green}");
     canvas.text([22.0 + view.px_per_m(), foot], 13.0, INK, &legend);
 }
 

@@ -37,6 +37,7 @@ use protocol::transport::{Options, Transport, TransportError, WireBytes};
 
 use crate::config::Replay;
 use crate::leader::{Input, Leader};
+use crate::team_map::json::EdgeJson;
 use desk::Desk;
 use inbox::Inbox;
 pub use state::{StateDir, StateError};
@@ -78,6 +79,8 @@ pub struct Summary {
     pub observations: u64,
     /// Maps published.
     pub maps: u64,
+    /// What stands still, in the last map.
+    pub edges: Vec<EdgeJson>,
     /// From the arrival of an observation to its map on the wire, milliseconds: median, 99th percentile, worst.
     pub map_latency_ms: [f32; 3],
     /// Messages dropped because the leader was too slow.
@@ -144,6 +147,7 @@ impl Service {
                 Some(got) = inbox.announcements.recv() => desk.announced(got),
                 Some(got) = inbox.alarms.recv() => desk.alarmed(got),
                 Some(got) = inbox.healths.recv() => desk.health(got),
+                Some(got) = inbox.edges.recv() => desk.looked_round(got),
                 Some(sign) = inbox.robots.recv() => desk.robot_sign(sign),
                 Some(sign) = inbox.leaders.recv() => desk.leader_sign(sign),
                 Some(told) = desk.probes.recv() => desk.told(told),

@@ -25,6 +25,7 @@ macro_rules! for_every_message {
         $check("team_map", &samples::map());
         $check("guidance", &samples::guidance());
         $check("surroundings", &samples::surroundings());
+        $check("edges", &samples::edges());
         $check("candidacy", &samples::candidacy());
         $check("recent", &samples::recent());
     };

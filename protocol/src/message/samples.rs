@@ -262,6 +262,18 @@ pub(crate) fn surroundings() -> Surroundings {
     }
 }
 
+pub(crate) fn edges() -> Edges {
+    let edge = |bearing_rad: f64, levels, ends| UprightEdge {
+        bearing: Angle16::from_rad(bearing_rad),
+        sigma: LogSigma::from_value(0.001),
+        levels,
+        elevation: [-0.2, 0.3].map(Angle16::from_rad),
+        ends,
+    };
+    let edges = vec![edge(1.25, [40, 180], [true, false]), edge(-3.0, [96, 90], [true, true])];
+    Edges { epoch: 0x0123_4567_89AB_CDEF, at: NOON, edges }
+}
+
 pub(crate) fn candidacy() -> Candidacy {
     Candidacy {
         leader: LeaderId::new("l1").unwrap(),

@@ -151,6 +151,7 @@ pub fn size_limits() -> Value {
         limit(published, robot("observation"), Kind::Observation.max_bytes()),
         limit(published, robot("alarm"), Kind::Alarm.max_bytes()),
         limit(published, robot("health"), Kind::Health.max_bytes()),
+        limit(published, robot("edges"), Kind::Edges.max_bytes()),
         limit(published, robot("picture/*"), Kind::Picture.max_bytes()),
         limit(published, robot("command"), Kind::CommandReply.max_bytes().max(WORDS)),
         limit(published, robot("clock"), Kind::ClockReply.max_bytes().max(WORDS)),

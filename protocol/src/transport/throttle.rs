@@ -29,7 +29,7 @@ pub fn pace(kind: Kind) -> Option<Pace> {
         Kind::Observation => (150.0, 300.0),
         Kind::Alarm => (50.0, 300.0),
         Kind::Health => (5.0, 20.0),
-        Kind::Announcement => (2.0, 20.0),
+        Kind::Announcement | Kind::Edges => (2.0, 20.0),
         _ => return None,
     };
     Some(Pace { per_second, burst })

@@ -95,6 +95,7 @@ impl Budget {
             Output::Announcement(message) => wire_bytes(message),
             Output::Alarm(message) => wire_bytes(message),
             Output::Health(message) => wire_bytes(message),
+            Output::Edges(message) => wire_bytes(message),
             Output::ClockReply(_, message) => wire_bytes(message),
             Output::CommandReply(_, message) => wire_bytes(message),
             Output::Picture(_, Ok(picture)) => modelled_wire_bytes(Kind::Picture, picture.len()) as f64,

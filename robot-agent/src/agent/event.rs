@@ -1,7 +1,7 @@
 //! What happens to an agent, and what it does.
 
 use protocol::message::{
-    Alarm, Announcement, ClockProbe, ClockReply, Command, CommandReply, Health, Observation, Surroundings,
+    Alarm, Announcement, ClockProbe, ClockReply, Command, CommandReply, Edges, Health, Observation, Surroundings,
 };
 use protocol::time::Timestamp;
 
@@ -56,6 +56,8 @@ pub enum Output {
     Observation(Observation),
     /// Publish.
     Alarm(Alarm),
+    /// Publish.
+    Edges(Edges),
     /// Publish. The shell adds what only it knows: messages dropped and refused, traffic, frames that it dropped itself.
     Health(Health),
     /// Reply. The shell sets `replied` at the last moment.

@@ -9,7 +9,7 @@
 use protocol::id::RobotId;
 use protocol::marker::Marker;
 use protocol::message::observation::{MAX_SIGHTINGS, MAX_TRACKS};
-use protocol::message::{AlarmKind, Motion, PeerSighting, Stages, TrackObservation};
+use protocol::message::{AlarmKind, Motion, PeerSighting, Stages, TrackObservation, UprightEdge};
 
 use super::readout::Readout;
 use super::witness::Witnesses;
@@ -19,6 +19,7 @@ use crate::optics::MountedCamera;
 use crate::panorama::{Lut, PanoramaGeometry, Watch};
 use crate::peers::{Grid, Peer, PeerDetector};
 use crate::picture::{self, Gallery};
+use crate::structure::{self, upright_edges};
 use crate::tracking::{Expected, PeerBearing, Tracker, View};
 
 /// JPEG quality of pictures for people.
@@ -39,6 +40,7 @@ pub struct Pipeline {
     readout: Option<Readout>,
     /// Of a camera that looks one way.
     witnesses: Option<Witnesses>,
+    edges: structure::Due,
     gallery: Gallery,
     frame: Option<Frame>,
     /// The camera's own picture of the last frame, for the gaze windows; black before the first.
@@ -76,6 +78,8 @@ pub struct Seen {
     pub tracks: Vec<TrackObservation>,
     /// What happened.
     pub events: Vec<AlarmKind>,
+    /// What stands upright round the robot, now and then.
+    pub edges: Option<Vec<UprightEdge>>,
 }
 
 impl Default for Seen {
@@ -87,6 +91,7 @@ impl Default for Seen {
             sightings: Vec::new(),
             tracks: Vec::new(),
             events: Vec::new(),
+            edges: None,
         }
     }
 }
@@ -109,6 +114,7 @@ impl Pipeline {
             markers: Vec::new(),
             peer_detector: None,
             witnesses: (!camera.camera().is_panoramic()).then(Witnesses::default),
+            edges: structure::Due::default(),
             gallery: Gallery::new(raster),
             frame: None,
             last_gray: vec![0; width as usize * height as usize],
@@ -173,7 +179,10 @@ impl Pipeline {
                     self.find_peers(&frame);
                 }
             }
-            Some(Stage::Record) if !hurry => self.gallery.record(&self.motion, &self.tracker.tracks()),
+            Some(Stage::Record) if !hurry => {
+                self.gallery.record(&self.motion, &self.tracker.tracks());
+                self.look_round(&frame);
+            }
             Some(_) => {}
             None => return Progress::Done,
         }
@@ -230,6 +239,15 @@ impl Pipeline {
         self.seen.tracks.truncate(MAX_TRACKS);
         self.seen.events.extend(self.tracker.take_events());
         self.seen.stages.0 |= Stages::TRACKING | Stages::LOCALISATION | Stages::IDENTIFICATION;
+    }
+
+    /// The background's upright edges, where they are due.
+    fn look_round(&mut self, frame: &Frame) {
+        if self.edges.is_due(frame.capture, self.background == BackgroundState::Ready) {
+            let (view, scene) = (self.tracker.view(), self.motion.scene());
+            let background = self.motion.background();
+            self.seen.edges = Some(upright_edges(&background, scene.valid, scene.raster, view, &self.peer_bearings));
+        }
     }
 
     fn find_peers(&mut self, frame: &Frame) {

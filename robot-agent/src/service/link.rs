@@ -2,7 +2,9 @@
 
 use protocol::id::{RobotId, TeamId};
 use protocol::key::{Key, Pattern, RobotTopic};
-use protocol::message::{Alarm, Announcement, ClockProbe, Command, Health, Observation, PictureKind, Surroundings};
+use protocol::message::{
+    Alarm, Announcement, ClockProbe, Command, Edges, Health, Observation, PictureKind, Surroundings,
+};
 use protocol::transport::{
     AliveToken, AskedPicture, AskedRecent, Presences, Publisher, Questions, Subscriber, Transport, TransportError,
 };
@@ -21,6 +23,7 @@ pub struct Link {
     pub observation: Publisher<Observation>,
     pub alarm: Publisher<Alarm>,
     pub health: Publisher<Health>,
+    pub edges: Publisher<Edges>,
     pub announcements: Subscriber<Announcement>,
     pub surroundings: Subscriber<Surroundings>,
     pub leaders: Presences,
@@ -49,6 +52,7 @@ impl Link {
             observation: transport.publish(key(RobotTopic::Observation)).await?,
             alarm: transport.publish(key(RobotTopic::Alarm)).await?,
             health: transport.publish(key(RobotTopic::Health)).await?,
+            edges: transport.publish(key(RobotTopic::Edges)).await?,
             announcements: transport.subscribe(Pattern::EveryRobot(team, RobotTopic::Announcement)).await?,
             surroundings: transport.subscribe(Key::surroundings(team, robot)).await?,
             leaders: transport.watch(Pattern::EveryLeader(team)).await?,

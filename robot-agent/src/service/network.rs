@@ -208,6 +208,7 @@ impl Network {
                 self.note(alarm);
             }
             Output::Health(health) => log_unsent(link.health.put(&self.complete(health))),
+            Output::Edges(edges) => log_unsent(link.edges.put(&edges)),
             Output::ClockReply(token, reply) => log_unsent(waiting.answer_clock(token, reply, self.clock.now())),
             Output::CommandReply(token, reply) => log_unsent(waiting.answer_command(token, &reply)),
             Output::Picture(token, picture) => {

@@ -5,6 +5,7 @@ use serde::Serialize;
 use super::Scorer;
 use super::nees::Nees;
 use super::statistics::{mean, percentile};
+use super::structure::StructureScores;
 use crate::bandwidth::{KindRate, VideoRate};
 
 /// What is known of a run beside its maps.
@@ -16,6 +17,8 @@ pub struct Run {
     pub seed: u64,
     /// How long it ran.
     pub duration_s: f64,
+    /// Of the team's map of what stands still.
+    pub structure: StructureScores,
     /// From the arrival of an observation to the map that holds it.
     pub latency_ms: Latency,
     /// Whether latency is virtual time and wire bytes are computed.
@@ -39,6 +42,8 @@ pub struct Scores {
     pub robots: RobotScores,
     /// People.
     pub targets: TargetScores,
+    /// What stands still.
+    pub structure: StructureScores,
     /// From the arrival of an observation to the map that holds it.
     pub latency_ms: Latency,
     /// Traffic.
@@ -156,6 +161,7 @@ impl Scores {
                 rms_within_5m_m: sums.near_targets.value(),
                 nees_sum: sums.target_nees,
             },
+            structure: run.structure,
             latency_ms: run.latency_ms,
             bandwidth: run.bandwidth,
             video: run.video,

@@ -238,6 +238,7 @@ fn outcome(
         duration_s,
         zero,
         maps: heard.maps.into_iter().map(|m| m.message).collect(),
+        edges: leader.edges.clone(),
         observations: heard.observations.into_iter().filter_map(|o| Some((o.key.robot_id()?, o.message))).collect(),
         heard: Vec::new(),
         latency_ms: Latency { p50: Some(p50), p99: Some(p99) },

@@ -8,10 +8,13 @@ use protocol::time::Timestamp;
 use robot_agent::agent::{Frame, PictureKind};
 
 use super::truth::{Glimpse, TruthKeeper};
+use team_leader::team_map::json::EdgeJson;
+
 use crate::bandwidth::{KindRate, VideoRate};
 use crate::replay::Heard;
 use crate::scenario::Scenario;
 use crate::score::scores::Latency;
+use crate::score::structure::StructureScores;
 use crate::score::{MapErrors, Run, Scorer, Scores};
 use crate::world::World;
 
@@ -30,6 +33,8 @@ pub struct Outcome {
     pub zero: Timestamp,
     /// As published, in order.
     pub maps: Vec<TeamMap>,
+    /// What stands still, as the leader has it at the end.
+    pub edges: Vec<EdgeJson>,
     /// As they reached the leader.
     pub observations: Vec<(RobotId, Observation)>,
     /// All that reached the leader, in order (in virtual time only).
@@ -90,10 +95,12 @@ impl Outcome {
                 (time_s <= self.duration_s).then(|| scorer.add(&truth.at(time_s), map)).flatten()
             })
             .collect();
+        let structure = scorer.room_from_team().map(|frame| StructureScores::of(&self.edges, &self.world, frame));
         let run = Run {
             scenario: self.scenario.name.clone(),
             seed: self.world.seed(),
             duration_s: self.duration_s,
+            structure: structure.unwrap_or_default(),
             latency_ms: self.latency_ms.clone(),
             modelled: self.modelled,
             bandwidth: self.bandwidth.clone(),

@@ -6,11 +6,12 @@ use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
 
 use image::{GrayImage, ImageFormat};
+use nalgebra::Matrix2;
 use protocol::frames::Pose2;
 use protocol::message::TeamMap;
 use serde::Serialize;
 use team_leader::picture::{Overlay, Trails, draw};
-use team_leader::team_map::json::MapJson;
+use team_leader::team_map::json::{EdgeJson, MapJson};
 
 use super::diagnosis::diagnose;
 use super::outcome::Scored;
@@ -34,6 +35,7 @@ pub fn write_all(outcome: &Outcome, scored: &Scored, folder: &Path) -> Result<()
         json
     });
     at(file("map.jsonl"), lines(&file("map.jsonl"), maps))?;
+    at(file("edges.jsonl"), lines(&file("edges.jsonl"), &outcome.edges))?;
     at(file("truth.jsonl"), lines(&file("truth.jsonl"), truth(outcome)))?;
     at(file("errors.jsonl"), lines(&file("errors.jsonl"), &scored.errors))?;
     at(file("observations.jsonl"), lines(&file("observations.jsonl"), diagnose(outcome)))?;
@@ -93,7 +95,13 @@ fn overlay(outcome: &Outcome, map: &TeamMap, room_from_team: Pose2) -> Overlay {
         outlines: outlines(&outcome.world).into_iter().map(|o| o.into_iter().map(point).collect()).collect(),
         robots: truth.robots.iter().map(|r| (r.id.to_string(), team_from_room * r.room_from_body)).collect(),
         people: truth.people.iter().map(|p| (p.id.clone(), point(p.position_m))).collect(),
+        edges: outcome.edges.iter().map(placed).collect(),
     }
+}
+
+fn placed(edge: &EdgeJson) -> ([f64; 2], Matrix2<f64>) {
+    let [[xx, xy], [_, yy]] = edge.covariance;
+    ([edge.x_m, edge.y_m], Matrix2::new(xx, xy, xy, yy))
 }
 
 /// Walls and furniture from above.

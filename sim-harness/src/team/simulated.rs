@@ -15,6 +15,7 @@ use protocol::message::{ClockReply, Observation, TeamMap};
 use protocol::time::Timestamp;
 use robot_agent::agent::{self, Agent, AgentSettings, Frame, Token};
 use team_leader::leader::{self, Leader, LeaderCoreConfig};
+use team_leader::team_map::json::EdgeJson;
 
 use self::node::{Due, LeaderNode, RobotNode};
 use super::frames::{Ahead, Taken};
@@ -273,6 +274,7 @@ impl Team {
             agent::Output::Observation(message) => (Kind::Observation, encode(message)),
             agent::Output::Alarm(message) => (Kind::Alarm, encode(message)),
             agent::Output::Health(message) => (Kind::Health, encode(message)),
+            agent::Output::Edges(message) => (Kind::Edges, encode(message)),
             agent::Output::ClockReply(_, reply) => {
                 let reply = ClockReply { replied: self.robots[index].clock(now), ..*reply };
                 (Kind::ClockReply, encode(&reply))
@@ -395,6 +397,7 @@ impl Team {
             duration_s: self.duration_s,
             zero: leader_clock(0),
             maps: self.maps,
+            edges: self.leader.leader.structure().iter().map(EdgeJson::of).collect(),
             observations: self.observations,
             heard: self.heard,
             latency_ms: Latency::of(&self.latencies_ms),
@@ -420,6 +423,7 @@ fn leader_topic(kind: Kind) -> Option<RobotTopic> {
         Kind::ClockReply => Some(RobotTopic::Clock),
         Kind::Alarm => Some(RobotTopic::Alarm),
         Kind::Health => Some(RobotTopic::Health),
+        Kind::Edges => Some(RobotTopic::Edges),
         _ => None,
     }
 }

@@ -18,6 +18,7 @@ use super::names::Own;
 use crate::calibration::live::{Calibrator, Changes, Robot};
 use crate::calibration::systematic::Systematic;
 use crate::correspondence::{Followed, Follower};
+use crate::structure::Structure;
 
 /// Between attempts to tie robots together, seconds; most trials in one.
 const INTERVAL_S: f64 = 0.2;
@@ -36,6 +37,8 @@ pub struct Component {
     pub follower: Follower,
     /// What its robots' bearings share.
     pub systematic: Systematic,
+    /// What stands still round its robots.
+    pub structure: Structure,
     pub(super) guide: Guide,
 }
 
@@ -55,6 +58,7 @@ impl Component {
             calibrator,
             follower: Follower::new(config.targets),
             systematic: Systematic::new(config.targets),
+            structure: Structure::default(),
             guide: Guide::default(),
         }
     }
@@ -75,6 +79,7 @@ impl Component {
             self.systematic.left_station(*robot);
         }
         self.follower.follow_changes(changes, at);
+        self.structure.follow_changes(changes);
     }
 
     /// What was tried is done.

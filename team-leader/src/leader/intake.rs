@@ -5,7 +5,7 @@ use protocol::frames::Pose2;
 use protocol::id::RobotId;
 use protocol::message::observation::FeaturePart;
 use protocol::message::{
-    Alarm, Announcement, ClockProbe, ClockReply, Motion, Observation, Odometry, PeerSighting, Recent, Stages,
+    Alarm, Announcement, ClockProbe, ClockReply, Edges, Motion, Observation, Odometry, PeerSighting, Recent, Stages,
     TrackState, Trouble,
 };
 use protocol::time::Timestamp;
@@ -213,6 +213,18 @@ impl Leader {
         };
         if !usable {
             self.tell(format!("clock replies of robot {robot} contradict themselves: ignored"), outputs);
+        }
+    }
+
+    /// What a robot sees round it that stands still.
+    pub(super) fn looked_round(&mut self, now: Timestamp, robot: RobotId, edges: &Edges, outputs: &mut Vec<Output>) {
+        let verdict = self.sessions.heard(now, robot, edges.epoch);
+        let Some(k) = self.members.iter().position(|m| m.id == robot) else { return };
+        let camera = self.members[k].announced.as_ref().filter(|(epoch, ..)| *epoch == edges.epoch);
+        let Some(height_m) = camera.map(|(_, _, camera)| camera.height_m) else { return };
+        if self.is_used(robot, verdict, outputs) {
+            let home = self.home(k);
+            home.structure.see(k, height_m, edges, &home.calibrator);
         }
     }
 

@@ -8,7 +8,7 @@ use protocol::id::{LeaderId, RobotId, TeamId};
 use protocol::key::{Key, Topic};
 use protocol::latency::Latencies;
 use protocol::message::map::MAX_ROBOTS;
-use protocol::message::{Alarm, Announcement, Candidacy, Health, Observation, TeamMap};
+use protocol::message::{Alarm, Announcement, Candidacy, Edges, Health, Observation, TeamMap};
 use protocol::time::Timestamp;
 use protocol::transport::{
     Asked, AskedMap, AskedMapJson, AskedReplayStart, Publisher, Received, Sign, TextPublisher, Transport,
@@ -22,7 +22,7 @@ use super::state::Keeper;
 use super::word::Word;
 use super::{LONGEST_IDLE, Setup, Summary};
 use crate::leader::{Input, Leader, Output, THAW_AFTER};
-use crate::team_map::json::MapJson;
+use crate::team_map::json::{EdgeJson, MapJson};
 
 /// What a leader answers that has been followed by another and not noticed yet.
 const STOOD_STILL: &str = "this leader stood still and does not lead any more; ask again";
@@ -214,6 +214,12 @@ impl Desk {
         }
     }
 
+    pub fn looked_round(&mut self, got: Received<Edges>) {
+        if let Some(robot) = got.key.robot_id() {
+            self.handle(got.arrived, Input::Edges(robot, got.message));
+        }
+    }
+
     pub fn told(&mut self, (robot, told): (RobotId, Told)) {
         match told {
             Told::Clock(answered) => self.handle(answered.arrived, Input::ClockReply(robot, answered.answer)),
@@ -306,7 +312,7 @@ impl Desk {
             log_unsent(publisher.put(&map));
         }
         if let Some(json) = self.json.as_ref().filter(|_| self.somebody_reads_json) {
-            match as_json(&map) {
+            match self.as_json(&map) {
                 Ok(text) => log_unsent(json.put(text)),
                 Err(why) => tracing::error!("{why}"),
             }
@@ -365,7 +371,7 @@ impl Desk {
     }
 
     pub fn give_json(&self, asked: Asked<AskedMapJson>) {
-        log_unsent(match self.last_map.as_ref().map(as_json) {
+        log_unsent(match self.last_map.as_ref().map(|map| self.as_json(map)) {
             _ if self.stood_still() => asked.refuse(STOOD_STILL),
             Some(Ok(json)) => asked.reply(&json),
             Some(Err(why)) => asked.refuse(&why),
@@ -376,6 +382,11 @@ impl Desk {
     pub fn give_start(&self, asked: Asked<AskedReplayStart>) {
         let answer = self.start.answer(asked.question.0, asked.arrived, self.clock.now());
         log_unsent(asked.reply(&answer));
+    }
+
+    fn as_json(&self, map: &TeamMap) -> Result<String, String> {
+        let json = MapJson::with_structure(map, &self.leader.structure());
+        serde_json::to_string(&json).map_err(|error| format!("the map cannot be written as JSON: {error}"))
     }
 
     fn no_map(&self) -> String {
@@ -413,6 +424,7 @@ impl Desk {
         Summary {
             observations: self.observations,
             maps: self.maps,
+            edges: self.leader.structure().iter().map(EdgeJson::of).collect(),
             map_latency_ms: self.latencies.report(),
             dropped: meter.dropped(),
             refused: meter.refused(),
@@ -421,10 +433,6 @@ impl Desk {
             notices: self.notices.clone(),
         }
     }
-}
-
-fn as_json(map: &TeamMap) -> Result<String, String> {
-    serde_json::to_string(&MapJson::from(map)).map_err(|error| format!("the map cannot be written as JSON: {error}"))
 }
 
 pub(super) fn log_unsent<T>(sent: Result<T, TransportError>) {

@@ -2,7 +2,7 @@
 
 use protocol::id::TeamId;
 use protocol::key::{Key, Pattern, RobotTopic};
-use protocol::message::{Alarm, Announcement, Candidacy, Health, Observation, TeamMap};
+use protocol::message::{Alarm, Announcement, Candidacy, Edges, Health, Observation, TeamMap};
 use protocol::transport::{
     Asked, AskedMap, AskedMapJson, AskedReplayStart, Presences, Question, Questions, Subscriber, Transport,
     TransportError,
@@ -15,6 +15,7 @@ pub struct Inbox {
     pub observations: Subscriber<Observation>,
     pub alarms: Subscriber<Alarm>,
     pub healths: Subscriber<Health>,
+    pub edges: Subscriber<Edges>,
     pub robots: Presences,
     pub leaders: Presences,
     pub candidacies: Subscriber<Candidacy>,
@@ -34,6 +35,7 @@ impl Inbox {
             observations: transport.subscribe(every(RobotTopic::Observation)).await?,
             alarms: transport.subscribe(every(RobotTopic::Alarm)).await?,
             healths: transport.subscribe(every(RobotTopic::Health)).await?,
+            edges: transport.subscribe(every(RobotTopic::Edges)).await?,
             robots: transport.watch(every(RobotTopic::Alive)).await?,
             leaders: transport.watch(Pattern::EveryLeader(team)).await?,
             candidacies: transport.subscribe_others(Pattern::EveryCandidacy(team)).await?,

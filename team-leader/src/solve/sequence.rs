@@ -352,5 +352,6 @@ fn empty_map(time_s: f64) -> MapJson {
         robots: Vec::new(),
         targets: Vec::new(),
         alarms: Vec::new(),
+        edges: Vec::new(),
     }
 }

@@ -3,10 +3,12 @@
 use std::collections::BTreeMap;
 
 use nalgebra::{DMatrix, Matrix3};
+use protocol::id::RobotId;
 use protocol::message::{Alarm, MapStatus, Presence, TeamMap, Trust};
 use serde::{Deserialize, Serialize};
 
 use super::build::trouble_in_words;
+use crate::structure::Landmark;
 
 /// The team map.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -34,6 +36,49 @@ pub struct MapJson {
     /// What robots raised in the last seconds, oldest first; the same alarm is in many maps.
     #[serde(default)]
     pub alarms: Vec<AlarmJson>,
+    /// What stands still: upright edges that several robots see, or one robot from several places.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub edges: Vec<EdgeJson>,
+}
+
+/// A corner of a wall, a door frame, a post, a side of a piece of furniture.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct EdgeJson {
+    /// Metres.
+    pub x_m: f64,
+    /// Metres.
+    pub y_m: f64,
+    /// 2 × 2, with the poses' part, m².
+    pub covariance: [[f64; 2]; 2],
+    /// From where to where above the floor it was seen, metres; it may go on beyond.
+    pub z_m: [f64; 2],
+    /// Robots that have seen it.
+    pub robots: Vec<String>,
+    /// Places from which it was seen.
+    pub views: usize,
+}
+
+impl EdgeJson {
+    /// A landmark and who has seen it.
+    pub fn of((landmark, robots): &(&Landmark, Vec<RobotId>)) -> Self {
+        let c = &landmark.covariance;
+        Self {
+            x_m: landmark.position.x,
+            y_m: landmark.position.y,
+            covariance: [[c[(0, 0)], c[(0, 1)]], [c[(1, 0)], c[(1, 1)]]],
+            z_m: landmark.extent_m,
+            robots: robots.iter().map(ToString::to_string).collect(),
+            views: landmark.views,
+        }
+    }
+}
+
+impl MapJson {
+    /// With what stands still.
+    pub fn with_structure(map: &TeamMap, structure: &[(&Landmark, Vec<RobotId>)]) -> Self {
+        let edges = structure.iter().map(EdgeJson::of).collect();
+        Self { edges, ..Self::from(map) }
+    }
 }
 
 /// An alarm of a robot.
@@ -219,6 +264,7 @@ impl From<&TeamMap> for MapJson {
                 })
                 .collect(),
             alarms: map.alarms.iter().map(AlarmJson::from).collect(),
+            edges: Vec::new(),
         }
     }
 }

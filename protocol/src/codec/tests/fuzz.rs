@@ -37,6 +37,7 @@ fn victims() -> Vec<Victim> {
         victim(&samples::map()),
         victim(&samples::guidance()),
         victim(&samples::surroundings()),
+        victim(&samples::edges()),
         victim(&samples::candidacy()),
     ]
 }

@@ -1,0 +1,100 @@
+//! Whether the team's upright edges stand where something stands: every one is on the upright side of a wall or of a block.
+//!
+//! Which edges a room has nobody counts (each book has two); but where one is on the floor it is known: on an outline of the floor
+//! plan. Its error along that outline cannot be told, that across can.
+
+use nalgebra::{Matrix2, Vector2};
+use protocol::frames::Pose2;
+use serde::Serialize;
+use team_leader::team_map::json::EdgeJson;
+
+use super::nees::Nees;
+use super::statistics::Rms;
+use crate::world::World;
+
+/// An edge further than this from every upright side is false, metres.
+pub const GATE_M: f64 = 0.1;
+
+/// Figures of the static structure at the end of a run.
+#[derive(Debug, Clone, Default, Serialize)]
+pub struct StructureScores {
+    /// Upright edges in the map.
+    pub edges: usize,
+    /// Of them nowhere near an upright side.
+    pub false_edges: usize,
+    /// Across the nearest upright side, of the others.
+    pub rms_m: Option<f64>,
+    /// The same over its variance.
+    pub nees: Option<f64>,
+    /// At 1 %.
+    pub nees_bounds: Option<[f64; 2]>,
+    /// For pooling over seeds.
+    #[serde(skip)]
+    pub nees_sum: Nees,
+}
+
+impl StructureScores {
+    /// Of edges in the team's frame.
+    pub fn of(edges: &[EdgeJson], world: &World, room_from_team: Pose2) -> Self {
+        let sides = sides(world);
+        let (mut scores, mut rms, mut nees) =
+            (Self { edges: edges.len(), ..Self::default() }, Rms::default(), Nees::default());
+        for edge in edges {
+            let place = room_from_team.transform(Vector2::new(edge.x_m, edge.y_m));
+            let turn = room_from_team.rotation();
+            let [[xx, xy], [_, yy]] = edge.covariance;
+            let covariance = turn * Matrix2::new(xx, xy, xy, yy) * turn.transpose();
+            let nearest = sides.iter().filter(|s| s.overlaps(edge.z_m)).map(|s| s.offset(place));
+            let Some(offset) = nearest.min_by(|a, b| a.norm().total_cmp(&b.norm())).filter(|o| o.norm() < GATE_M)
+            else {
+                scores.false_edges += 1;
+                continue;
+            };
+            rms.add_square(offset.norm_squared());
+            let across = offset.try_normalize(1e-9).unwrap_or_else(Vector2::x);
+            nees.add(offset.norm_squared() / across.dot(&(covariance * across)).max(1e-12), 1);
+        }
+        (scores.rms_m, scores.nees, scores.nees_bounds) = (rms.value(), nees.mean(), nees.bounds());
+        scores.nees_sum = nees;
+        scores
+    }
+}
+
+/// An upright side from above, and between which heights it is.
+struct SideOf {
+    ends: [Vector2<f64>; 2],
+    z_m: [f64; 2],
+}
+
+impl SideOf {
+    /// From its nearest point to `place`.
+    fn offset(&self, place: Vector2<f64>) -> Vector2<f64> {
+        let along = self.ends[1] - self.ends[0];
+        let share = ((place - self.ends[0]).dot(&along) / along.norm_squared().max(1e-12)).clamp(0.0, 1.0);
+        place - (self.ends[0] + share * along)
+    }
+
+    fn overlaps(&self, z_m: [f64; 2]) -> bool {
+        self.z_m[0] < z_m[1] && z_m[0] < self.z_m[1]
+    }
+}
+
+fn sides(world: &World) -> Vec<SideOf> {
+    let mut sides = Vec::new();
+    let mut add = |middle: Vector2<f64>, half: [f64; 2], [cos, sin]: [f64; 2], z_m: [f64; 2]| {
+        let corner = |a: f64, b: f64| {
+            let (a, b) = (a * half[0], b * half[1]);
+            middle + Vector2::new(cos * a - sin * b, sin * a + cos * b)
+        };
+        let corners = [corner(-1.0, -1.0), corner(1.0, -1.0), corner(1.0, 1.0), corner(-1.0, 1.0)];
+        sides.extend((0..4).map(|k| SideOf { ends: [corners[k], corners[(k + 1) % 4]], z_m }));
+    };
+    let [length, width, height] = world.room_size_m();
+    add(Vector2::zeros(), [length / 2.0, width / 2.0], [1.0, 0.0], [0.0, height]);
+    for block in world.blocks() {
+        let (c, h) = (block.block.centre, block.block.half);
+        let [x, y, z, half_x, half_y, half_z] = [c.x, c.y, c.z, h.x, h.y, h.z].map(f64::from);
+        add(Vector2::new(x, y), [half_x, half_y], block.block.turn.map(f64::from), [z - half_z, z + half_z]);
+    }
+    sides
+}
