@@ -74,6 +74,18 @@ fn a_replayed_recording_gives_the_maps_and_the_score_of_the_run() {
 }
 
 #[test]
+fn upright_edges_that_robots_see_together_are_where_something_stands() {
+    let settings = TeamSettings { duration_s: Some(7.0), ..TeamSettings::default() };
+    let run = simulated::run(&Scenario::load(Path::new("default")).unwrap(), 1, &settings, &|_| {}).unwrap();
+    let found = run.score().scores.structure;
+    assert!(found.edges >= 3 && 4 * found.false_edges <= found.edges, "{found:?}");
+    assert!(found.rms_m.is_some_and(|rms| rms < 0.04), "{found:?}");
+    let folder = tempfile::tempdir().unwrap();
+    output::write_all(&run, &run.score(), folder.path()).unwrap();
+    assert_eq!(Recording::read(folder.path()).unwrap().replay().unwrap().edges, run.edges);
+}
+
+#[test]
 fn a_recording_that_is_none_is_refused_with_file_line_and_reason() {
     let settings = TeamSettings { duration_s: Some(0.5), ..TeamSettings::default() };
     let run = simulated::run(&tiny(), 7, &settings, &|_| {}).unwrap();

@@ -11,6 +11,9 @@ use crate::team::Outcome;
 pub fn scores(scores: &Scores) -> String {
     let mut text = format!("{}, seed {}, {} s\n\n", scores.scenario, scores.seed, scores.duration_s);
     figures(&mut text, &[("", &scores.robots, &scores.targets, &scores.latency_ms)]);
+    if scores.structure.edges > 0 {
+        let _ = writeln!(text, "\n{}", scores.structure);
+    }
     if scores.modelled {
         text.push_str("\nVirtual time: latency and bytes on the wire are modelled.\n");
     }
@@ -33,8 +36,8 @@ pub fn summary(summary: &Summary) -> String {
     );
     let _ = writeln!(
         text,
-        "\nall runs together: {} identity switches, {} false tracks\n",
-        summary.total.id_switches, summary.total.false_tracks
+        "\nall runs together: {} identity switches, {} false tracks\n{}\n",
+        summary.total.id_switches, summary.total.false_tracks, summary.structure
     );
     let _ = writeln!(
         text,

@@ -30,7 +30,7 @@ pub struct StructureScores {
     pub nees_bounds: Option<[f64; 2]>,
     /// For pooling over seeds.
     #[serde(skip)]
-    pub nees_sum: Nees,
+    pub sums: (Rms, Nees),
 }
 
 impl StructureScores {
@@ -54,9 +54,33 @@ impl StructureScores {
             let across = offset.try_normalize(1e-9).unwrap_or_else(Vector2::x);
             nees.add(offset.norm_squared() / across.dot(&(covariance * across)).max(1e-12), 1);
         }
-        (scores.rms_m, scores.nees, scores.nees_bounds) = (rms.value(), nees.mean(), nees.bounds());
-        scores.nees_sum = nees;
-        scores
+        scores.with((rms, nees))
+    }
+
+    fn with(self, (rms, nees): (Rms, Nees)) -> Self {
+        Self { rms_m: rms.value(), nees: nees.mean(), nees_bounds: nees.bounds(), sums: (rms, nees), ..self }
+    }
+
+    /// Of several runs together.
+    pub fn pooled<'a>(runs: impl Iterator<Item = &'a Self>) -> Self {
+        let (mut all, mut rms, mut nees) = (Self::default(), Rms::default(), Nees::default());
+        for run in runs {
+            all.edges += run.edges;
+            all.false_edges += run.false_edges;
+            rms += run.sums.0;
+            nees += run.sums.1;
+        }
+        all.with((rms, nees))
+    }
+}
+
+impl std::fmt::Display for StructureScores {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "{} upright edges of what stands still, {} of them false", self.edges, self.false_edges)?;
+        if let (Some(rms), Some(nees), Some([low, high])) = (self.rms_m, self.nees, self.nees_bounds) {
+            write!(f, "; the others: {rms:.3} m RMS across their surface, NEES {nees:.2} [{low:.2} {high:.2}]")?;
+        }
+        Ok(())
     }
 }
 

@@ -5,6 +5,7 @@ use serde::Serialize;
 use super::nees::Nees;
 use super::scores::{Driving, Latency, RobotScores, Scores, TargetScores};
 use super::statistics::mean;
+use super::structure::StructureScores;
 
 /// Several runs of one scenario.
 #[derive(Debug, Clone, Serialize)]
@@ -22,6 +23,8 @@ pub struct Summary {
     pub worst: Figures,
     /// Sums over the runs.
     pub total: Total,
+    /// What stands still, over the runs.
+    pub structure: StructureScores,
     /// Each run.
     pub runs: Vec<Scores>,
 }
@@ -61,6 +64,7 @@ impl Summary {
             mean: mean_of(&runs, total),
             worst: worst_of(&runs),
             total,
+            structure: StructureScores::pooled(runs.iter().map(|r| &r.structure)),
             runs,
         })
     }

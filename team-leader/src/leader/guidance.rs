@@ -31,6 +31,9 @@ const MAX_PLACES: usize = 16;
 /// From other robots and from where targets were, metres.
 const APART_M: f64 = 0.7;
 const FROM_TARGETS_M: f64 = 0.5;
+/// From upright edges of furniture and walls that begin below a robot's top, metres.
+const FROM_EDGES_M: f64 = 0.35;
+const ROBOT_TOP_M: f64 = 0.8;
 /// A goal given before is kept while no other is better by this factor.
 const BETTER: f64 = 0.93;
 /// A robot that stands within this of where it stood has not gone anywhere, metres.
@@ -219,6 +222,11 @@ impl Leader {
         let others = || round.posts.iter().enumerate().filter(|(k, _)| *k != turn).map(|(_, p)| p);
         let free = others().all(|p| apart(p.pose.position(), APART_M))
             && round.places.iter().all(|p| apart(*p, FROM_TARGETS_M))
+            && self.components[home]
+                .structure
+                .landmarks()
+                .iter()
+                .all(|edge| edge.extent_m[0] > ROBOT_TOP_M || apart(edge.position, FROM_EDGES_M))
             && self.is_known_ground(round, place);
         if !free {
             return None;

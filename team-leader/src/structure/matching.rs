@@ -7,9 +7,10 @@
 //! nats, as tracks are in [`crate::correspondence`]:
 //!
 //! ```text
-//!  Σ ln t( θᵢ − θᵢ(x̂) ; σᵢ ) − Σ ln(edges of view i / 2π) + ln( 2π √|P| · landmarks per m² ) + levels + heights
+//!  Σ ln t( θᵢ − θᵢ(x̂) ; σᵢ ) − Σ ln(edges of view i per rad, there) + ln( 2π √|P| · landmarks per m² ) + levels + heights
 //! ```
-//! The heaviest is taken first, with its edges; those that wanted one of them too are weighed again without it.
+//! The heaviest is taken first, with its edges; those that wanted one of them too are weighed again without it. Where two that
+//! want the same edge weigh about the same nobody knows which is right (books, railings), and neither is taken.
 
 use std::collections::BinaryHeap;
 use std::f64::consts::TAU;
@@ -29,7 +30,7 @@ const LEAST_PARALLAX: f64 = 0.12;
 /// Where edges may be, metres from each place.
 const RANGE_M: [f64; 2] = [0.4, 12.0];
 /// Upright edges that two robots can see, in a square metre of a furnished room.
-const DENSITY_M2: f64 = 0.5;
+const DENSITY_M2: f64 = 0.4;
 /// Corners are rounded, posts have another tangent from each side: metres.
 const ROUND_M: f64 = 0.01;
 /// A further view's edge is looked for within so many squared sigmas.
@@ -45,7 +46,12 @@ const SAME_END: f64 = 0.6;
 /// Pairs that look less alike than this are not weighed at all, nats.
 const LEAST_ALIKE: f64 = -0.5;
 /// What must speak for a landmark, nats: of two views and of more.
-const ENOUGH: [f64; 2] = [5.0, 4.0];
+const ENOUGH: [f64; 2] = [7.0, 6.0];
+/// What wants one of its edges too and is elsewhere (metres) speaks less by so much, nats: books and railings look alike.
+const LEAD: f64 = 4.0;
+const ELSEWHERE_M: f64 = 0.03;
+/// How densely edges stand is counted this far to either side, radians.
+const BESIDE_RAD: f64 = 0.1;
 /// Steps of Gauss and Newton.
 const STEPS: usize = 2;
 /// Most candidates.
@@ -107,10 +113,6 @@ impl Posed<'_> {
         own + c[(2, 2)] + 0.5 * (c[(0, 0)] + c[(1, 1)]) / (range_m * range_m)
     }
 
-    fn log_density(&self) -> f64 {
-        (self.edges.len().max(1) as f64 / TAU).ln()
-    }
-
     fn pose(&self) -> [f64; 3] {
         [self.pose.x_m, self.pose.y_m, self.pose.heading_rad]
     }
@@ -122,6 +124,15 @@ struct Candidate {
     log_ratio: f64,
     members: Vec<(usize, usize)>,
     position: Vector2<f64>,
+}
+
+impl Candidate {
+    /// Whether it wants an edge of another one, is elsewhere, and nearly as good.
+    fn disputes(&self, other: &Self) -> bool {
+        self.log_ratio > other.log_ratio - LEAD
+            && self.members.iter().any(|m| other.members.contains(m))
+            && (self.position - other.position).norm() > ELSEWHERE_M
+    }
 }
 
 impl PartialEq for Candidate {
@@ -154,6 +165,7 @@ pub fn landmarks(views: &[Posed<'_>], joint: &dyn Fn(usize, usize) -> Matrix3<f6
             matching.pairs(a, b, &used, &mut heap);
         }
     }
+    let rivals: Vec<Candidate> = heap.iter().cloned().collect();
     let mut found = Vec::new();
     while let Some(best) = heap.pop() {
         let [first, second] = [best.members[0], best.members[1]];
@@ -162,6 +174,10 @@ pub fn landmarks(views: &[Posed<'_>], joint: &dyn Fn(usize, usize) -> Matrix3<f6
         }
         if best.members.iter().any(|(v, e)| used[*v][*e]) {
             heap.extend(matching.weigh(first, second, &used));
+            continue;
+        }
+        let is_free = |c: &Candidate| c.members.iter().all(|(v, e)| !used[*v][*e]);
+        if rivals.iter().any(|rival| rival.disputes(&best) && is_free(rival)) {
             continue;
         }
         best.members.iter().for_each(|(v, e)| used[*v][*e] = true);
@@ -174,6 +190,8 @@ struct Matching<'a> {
     views: &'a [Posed<'a>],
     /// Edges of each view by bearing.
     sorted: Vec<Vec<(f64, usize)>>,
+    /// Logarithm of how many a radian there are about each edge.
+    log_densities: Vec<Vec<f64>>,
 }
 
 impl<'a> Matching<'a> {
@@ -183,7 +201,7 @@ impl<'a> Matching<'a> {
             edges.sort_by(|x, y| x.0.total_cmp(&y.0));
             edges
         });
-        Self { views, sorted: sorted.collect() }
+        Self { views, sorted: sorted.collect(), log_densities: views.iter().map(|v| log_densities(v.edges)).collect() }
     }
 
     fn edge(&self, (view, edge): (usize, usize)) -> &Edge {
@@ -229,7 +247,7 @@ impl<'a> Matching<'a> {
             }
             let var = view.var(edge, range_m, true);
             let d2 = wrap(edge.bearing_rad - bearing).powi(2) / var;
-            log_ratio += log_student(d2, var) - view.log_density();
+            log_ratio += log_student(d2, var) - self.log_densities[v][e];
         }
         let pairs = members.iter().enumerate().flat_map(|(n, x)| members[n + 1..].iter().map(move |y| (*x, *y)));
         let likeness: Vec<f64> = pairs.map(|(x, y)| self.alike(x, y, position)).collect();
@@ -279,7 +297,7 @@ impl<'a> Matching<'a> {
             .filter_map(|(b, e)| {
                 let var = posed.var(self.edge((view, *e)), range_m, true) + spread_var;
                 let d2 = difference(*b, bearing).powi(2) / var;
-                let nats = log_student(d2, var) - posed.log_density() + self.alike(a, (view, *e), position);
+                let nats = log_student(d2, var) - self.log_densities[view][*e] + self.alike(a, (view, *e), position);
                 (d2 < GATE && nats > 0.0).then_some((nats, (view, *e)))
             })
             .max_by(|x, y| x.0.total_cmp(&y.0))
@@ -365,6 +383,14 @@ impl<'a> Matching<'a> {
 /// An edge whose bearing is as unsure as any that is used.
 const WORST: Edge =
     Edge { bearing_rad: 0.0, sigma_rad: 5e-3, log_levels: [0.0; 2], tangents: [0.0; 2], ends: [false; 2] };
+
+/// How many edges a radian a view has about each of its edges: more in a bookcase than on a wall.
+fn log_densities(edges: &[Edge]) -> Vec<f64> {
+    let everywhere = edges.len() as f64 / TAU;
+    let near =
+        |edge: &Edge| edges.iter().filter(|e| difference(e.bearing_rad, edge.bearing_rad).abs() < BESIDE_RAD).count();
+    edges.iter().map(|edge| (near(edge) as f64 / (2.0 * BESIDE_RAD)).max(everywhere).ln()).collect()
+}
 
 /// How much the surfaces beside two edges look the same, nats.
 fn alike_levels(a: &Edge, b: &Edge) -> f64 {
