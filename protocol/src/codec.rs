@@ -134,11 +134,11 @@ impl Kind {
     /// rounded up. A map of more than some 250 robots or 1000 targets with all their Jacobians does not fit.
     pub const fn max_bytes(self) -> usize {
         match self {
-            Self::Announcement | Self::Health | Self::Edges => 4 << 10,
+            Self::Announcement | Self::Health => 4 << 10,
             Self::Observation | Self::Recent => 16 << 10,
             Self::Alarm => 512,
             Self::Command | Self::Guidance => 256,
-            Self::CommandReply | Self::Surroundings => 1 << 10,
+            Self::CommandReply | Self::Surroundings | Self::Edges => 1 << 10,
             Self::ClockProbe | Self::ClockReply | Self::ReplayStart | Self::Candidacy => 64,
             Self::TeamMap | Self::Picture => 4 << 20,
             Self::MapJson => 16 << 20,

@@ -1,4 +1,4 @@
-//! How long the joint solution and a live step take, and how that grows. `cargo bench -p team-leader`
+//! How long the joint solution, a live step and the matching of upright edges take, and how that grows. `cargo bench -p team-leader`
 //!
 //! Robots on a circle see each other and walkers among them at 10 Hz. `solve` gets everything at once as a problem; a live
 //! step is one robot's observation through the leader (`solve --sequence`), the time includes reading its line.
@@ -7,10 +7,15 @@
 
 use std::time::Instant;
 
+use nalgebra::{Matrix3, Vector2};
+use protocol::frames::Pose2;
+use protocol::message::edges::MAX_EDGES;
 use serde_json::{Value, json};
 use team_leader::solve::input::Problem;
 use team_leader::solve::sequence::Sequence;
 use team_leader::solve::solve;
+use team_leader::structure::MAX_VIEWS;
+use team_leader::structure::matching::{Edge, Posed, landmarks};
 
 const SIGMA_DEG: f64 = 0.1;
 
@@ -53,6 +58,53 @@ fn main() {
         let at = |p: f64| late[((late.len() - 1) as f64 * p) as usize];
         println!("{robots:>6} {walkers:>7} {:>14.3} {:>10.3}", at(0.5), at(0.99));
     }
+    println!("\nviews  edges       ms  found");
+    for views in if quick { vec![3] } else { vec![3, 5, MAX_VIEWS] } {
+        structure(views, rounds);
+    }
+}
+
+/// Matching upright edges: some views of as many edges each, of which half are of what all see.
+fn structure(views: usize, rounds: usize) {
+    let mut state = 7u64;
+    let mut uniform = move |low: f64, high: f64| {
+        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        low + (high - low) * ((state >> 33) as f64 / f64::from(1u32 << 31))
+    };
+    let posts: Vec<[f64; 4]> = (0..MAX_EDGES / 2)
+        .map(|_| [uniform(-4.0, 4.0), uniform(-3.0, 3.0), uniform(3.0, 5.5), uniform(3.0, 5.5)])
+        .collect();
+    let poses: Vec<Pose2> =
+        (0..views).map(|_| Pose2::new(uniform(-3.0, 3.0), uniform(-2.0, 2.0), uniform(-3.0, 3.0))).collect();
+    let edges: Vec<Vec<Edge>> = poses
+        .iter()
+        .map(|pose| {
+            let mut edge = |bearing_rad, log_levels| Edge {
+                bearing_rad,
+                sigma_rad: 1e-3,
+                log_levels,
+                tangents: [uniform(-0.2, 0.0), uniform(0.1, 0.3)],
+                ends: [false; 2],
+            };
+            let mut edges: Vec<Edge> =
+                posts.iter().map(|[x, y, l, r]| edge(pose.bearing_to(Vector2::new(*x, *y)), [*l, *r])).collect();
+            for post in &posts {
+                edges.push(edge(post[0] * 0.75, [post[3], post[2]]));
+            }
+            edges
+        })
+        .collect();
+    let covariance = Matrix3::identity() * 1e-5;
+    let posed: Vec<Posed<'_>> = (0..views)
+        .map(|robot| Posed { robot, pose: poses[robot], covariance, height_m: 0.6, edges: &edges[robot] })
+        .collect();
+    let (mut best_ms, mut found) = (f64::INFINITY, 0);
+    for _ in 0..rounds {
+        let begin = Instant::now();
+        found = landmarks(&posed, &|a, b| if a == b { covariance } else { Matrix3::zeros() }).len();
+        best_ms = best_ms.min(1e3 * begin.elapsed().as_secs_f64());
+    }
+    println!("{views:>5} {:>6} {best_ms:>8.2} {found:>6}", edges[0].len());
 }
 
 /// What all robots see, a line of a sequence each frame.

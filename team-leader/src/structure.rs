@@ -14,8 +14,8 @@ use crate::calibration::live::{Calibrator, Changes};
 use matching::{Edge, Posed};
 
 /// Most places from which is seen, and of one robot.
-pub const MAX_VIEWS: usize = 12;
-const MAX_VIEWS_OF_ROBOT: usize = 4;
+pub const MAX_VIEWS: usize = 8;
+const MAX_VIEWS_OF_ROBOT: usize = 3;
 
 /// An upright edge on the floor.
 #[derive(Debug, Clone, PartialEq)]

@@ -9,7 +9,7 @@ use crate::quantity::{Angle16, LogSigma};
 use crate::time::Timestamp;
 
 /// Most edges of one picture.
-pub const MAX_EDGES: usize = 96;
+pub const MAX_EDGES: usize = 48;
 
 /// The upright edges round a robot.
 #[derive(Debug, Clone, PartialEq, Encode, Decode)]

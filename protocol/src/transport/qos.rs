@@ -59,7 +59,7 @@ pub fn qos(kind: Kind) -> Qos {
         Kind::Candidacy            => row(P::InteractiveHigh, Drop,       BestEffort,  true,   0,  false,     64),
         Kind::Guidance             => row(P::Data,            Drop,       BestEffort,  false,  0,  false,     64),
         Kind::Surroundings         => row(P::InteractiveHigh, Drop,       BestEffort,  true,   0,  false,     16),
-        Kind::Edges                => row(P::DataLow,         Drop,       Reliable,    false,  1,  true,      64),
+        Kind::Edges                => row(P::DataLow,         Drop,       Reliable,    false,  0,  false,     64),
         Kind::Picture              => row(P::Background,      Block,      Reliable,    false,  0,  false,      8),
         Kind::MapJson              => row(P::DataLow,         Drop,       BestEffort,  false,  0,  false,      8),
     };

@@ -326,3 +326,42 @@ fn mark_moving(scene: &Scene<'_>) -> Vec<u8> {
     }
     marks
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::motion::{Arc, Raster};
+    use crate::tracking::Track;
+
+    #[test]
+    fn who_has_just_been_found_is_told_less_surely_than_who_has_long_been_alone() {
+        const COLUMN_M: f64 = 0.02;
+        let raster = Raster { width: 1080, height: 162, wraps: true };
+        let sighting = Sighting {
+            axis: 300.0,
+            axis_sigma: IN_COMPANY_M / COLUMN_M,
+            arc: Arc { start: 290, width: 20 },
+            rows: [40, 150],
+            range_m: 2.0,
+            trunk_width: SHOULDERS_M / COLUMN_M,
+            alone: true,
+            apart: true,
+            moves: true,
+            support: 1.0,
+            feet_hidden: false,
+            head: true,
+            appearance: Appearance::default(),
+        };
+        let at = |frame: u32| Timestamp::from_secs_f64(1000.0 + 0.1 * f64::from(frame));
+        let mut track = Track::of_figure(TrackId(1), &sighting, at(0));
+        let told_m = |track: &Track| track.told_sigma() * COLUMN_M;
+        let found = told_m(&track);
+        (1..40).for_each(|frame| track.see_figure(&sighting, at(frame), &raster));
+        let followed = told_m(&track);
+        track.alone_s = 60.0;
+        let alone = told_m(&track);
+        assert!(found > 0.12 && found < 0.2, "{found}");
+        assert!((followed - TOLD * IN_COMPANY_M).abs() < 0.003, "{followed}");
+        assert!((alone - TOLD * ALONE_M).abs() < 0.003, "{alone}");
+    }
+}

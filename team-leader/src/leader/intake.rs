@@ -28,6 +28,8 @@ const LEAST_CONFIDENCE: f64 = 0.3;
 const CLOCK_JUMP_S: f64 = 0.05;
 const CLOCK_JUMP_FRAMES: u32 = 3;
 const DELAY_MEMORY: f64 = 0.2;
+/// Edges are of the place where the robot stands now if they are no older, seconds.
+const EDGES_AGE_S: f64 = 1.0;
 /// Ranges of robots that are used, metres.
 const RANGE_M: [f64; 2] = [kernel::LEAST_RANGE_M, 60.0];
 
@@ -222,10 +224,22 @@ impl Leader {
         let Some(k) = self.members.iter().position(|m| m.id == robot) else { return };
         let camera = self.members[k].announced.as_ref().filter(|(epoch, ..)| *epoch == edges.epoch);
         let Some(height_m) = camera.map(|(_, _, camera)| camera.height_m) else { return };
-        if self.is_used(robot, verdict, outputs) {
+        // What was seen long ago may have been seen from elsewhere.
+        let is_new =
+            self.leader_time(k, edges.epoch, edges.at).is_some_and(|at| now.seconds_since(at).abs() < EDGES_AGE_S);
+        if self.is_used(robot, verdict, outputs) && is_new {
             let home = self.home(k);
             home.structure.see(k, height_m, edges, &home.calibrator);
         }
+    }
+
+    /// A time of a session of a robot on the leader's clock.
+    fn leader_time(&self, robot: usize, epoch: u64, at: Timestamp) -> Option<Timestamp> {
+        if self.config.clock.trusted {
+            return Some(at);
+        }
+        let member = &self.members[robot];
+        member.clock.filter(|_| member.clock_epoch == Some(epoch)).map(|clock| clock.leader_time(at))
     }
 
     /// An alarm of a robot; any session's, also one that has ended.

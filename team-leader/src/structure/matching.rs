@@ -210,16 +210,31 @@ impl<'a> Matching<'a> {
 
     /// All pairs of edges of two views that may be one.
     fn pairs(&self, a: usize, b: usize, used: &[Vec<bool>], heap: &mut BinaryHeap<Candidate>) {
-        let apart = (self.views[a].pose.position() - self.views[b].pose.position()).norm();
-        if apart < RANGE_M[0] {
+        let (pose_a, pose_b) = (&self.views[a].pose, &self.views[b].pose);
+        let baseline_m = (pose_a.position() - pose_b.position()).norm();
+        if baseline_m < RANGE_M[0] {
             return;
         }
-        for k in 0..self.views[a].edges.len() {
-            for l in 0..self.views[b].edges.len() {
-                if alike_levels(self.edge((a, k)), self.edge((b, l))) < LEAST_ALIKE || heap.len() >= MAX_CANDIDATES {
+        // Angles at both ends of the baseline, as in (5-1): few of the many pairs meet at all, and these alone are looked at.
+        let (bearing_21, bearing_12) = (pose_a.bearing_to(pose_b.position()), pose_b.bearing_to(pose_a.position()));
+        let s1: Vec<_> = self.views[a].edges.iter().map(|e| wrap(e.bearing_rad - bearing_21).sin_cos()).collect();
+        let s2: Vec<_> = self.views[b].edges.iter().map(|e| wrap(bearing_12 - e.bearing_rad).sin_cos()).collect();
+        for (k, (sin_1, cos_1)) in s1.iter().enumerate() {
+            for (l, (sin_2, cos_2)) in s2.iter().enumerate() {
+                // Both rays to the same side, and they meet: the sine of their sum has that side's sign.
+                let side = sin_1.signum();
+                let sine = side * (sin_1 * cos_2 + cos_1 * sin_2);
+                if sin_1 * sin_2 <= 0.0 || sine < LEAST_PARALLAX {
                     continue;
                 }
-                heap.extend(self.weigh((a, k), (b, l), used));
+                let ranges = [sin_2, sin_1].map(|s| baseline_m * s.abs() / sine);
+                let inside = ranges.iter().all(|r| (RANGE_M[0]..RANGE_M[1]).contains(r));
+                if inside
+                    && heap.len() < MAX_CANDIDATES
+                    && alike_levels(self.edge((a, k)), self.edge((b, l))) >= LEAST_ALIKE
+                {
+                    heap.extend(self.weigh((a, k), (b, l), used));
+                }
             }
         }
     }
@@ -397,10 +412,12 @@ fn alike_levels(a: &Edge, b: &Edge) -> f64 {
     (0..2).map(|side| alike(a.log_levels[side] - b.log_levels[side], LEVEL, SAME_SURFACE)).sum()
 }
 
-/// ln of the density of a difference `x`, of which a part is of scale `same` and the others of scale `any`, over that of `any`.
+/// ln of the density of a difference `x`, of which a part is of scale `same` and the others of scale `any`, over that of `any`
+/// (Student's t with four degrees of freedom).
 fn alike(x: f64, [same, any]: [f64; 2], part: f64) -> f64 {
-    let density = |s: f64| log_student((x / s).powi(2), s * s).exp();
-    (part * density(same) / density(any) + 1.0 - part).ln()
+    let width = |s: f64| 1.0 + 0.25 * (x / s).powi(2);
+    let ratio = width(any) / width(same);
+    (part * any / same * ratio * ratio * ratio.sqrt() + 1.0 - part).ln()
 }
 
 #[cfg(test)]
