@@ -208,7 +208,10 @@ impl Picture<'_> {
             return None;
         }
         let column = self.raster.wrap_column(chain.first + middle);
-        let [top, bottom] = [points.first()?.0, points.last()?.0];
+        // Beyond its ends a part of the rows that are summed still shows it: it ends where half of them do.
+        let typical = points.iter().map(|(.., step)| step).sum::<i32>() / points.len() as i32;
+        let shows = |point: &&(usize, f64, i32)| 2 * point.2 >= typical;
+        let [top, bottom] = [points.iter().find(shows)?.0, points.iter().rfind(shows)?.0];
         let (bearing, _) = self.view.angles_rad(column, (top + bottom) as f64 / 2.0)?;
         let elevation = |row: usize| Some(self.view.angles_rad(column, row as f64)?.1);
         let step_rad = self.view.steps_rad(column, (top + bottom) as f64 / 2.0)[0];
