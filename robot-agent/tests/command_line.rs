@@ -260,9 +260,10 @@ fn markers_of_peers_may_be_one_or_many_and_a_bad_one_is_named() {
         let arguments = ["peers", "dark.png", "--camera", "camera.toml", "--markers", "markers.json"];
         robot_agent(folder.path(), &arguments, "")
     };
-    let one = r#"{"kind":"cylinder","radius_m":0.2,"height_m":[0.1,0.5]}"#;
-    let named = one.replace('{', "{\"robot\":\"r2\",");
-    for markers in [one.to_owned(), format!("[{one},{named}]")] {
+    let look = r#"{"rings":[{"height_m":[0.1,0.2],"reflectance":0.85},{"height_m":[0.2,0.3],"reflectance":0.05},{"height_m":[0.3,0.5],"reflectance":0.85}]}"#;
+    let one = format!(r#"{{"kind":"cylinder","radius_m":0.2,"height_m":[0.1,0.5],"look":{look}}}"#);
+    let named = one.replacen('{', "{\"robot\":\"r2\",", 1);
+    for markers in [one.clone(), format!("[{one},{named}]")] {
         let output = peers(&markers);
         assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
         assert_eq!(lines(&output)[0]["peers"], serde_json::json!([]));
