@@ -41,7 +41,8 @@ fn seen(rng: &mut impl Rng, posts: &[Post], pose: &Pose2) -> Vec<Edge> {
         let ends = post.z_m.map(|z| (z - CAMERA_M) / range_m);
         let [low, high] = [-0.26f64, 0.36];
         edges.push(Edge {
-            bearing_rad: wrap(pose.bearing_to(post.at) + SIGMA_RAD * normal(rng)),
+            // Each sees another side of what is round.
+            bearing_rad: wrap(pose.bearing_to(post.at) + SIGMA_RAD.hypot(ROUND_M / range_m) * normal(rng)),
             sigma_rad: SIGMA_RAD,
             log_levels: post.levels.map(|l| (l * (1.0 + 0.08 * normal(rng)) + 8.0).ln()),
             tangents: ends.map(|t| t.clamp(low, high) + 0.005 * normal(rng)),
