@@ -115,16 +115,6 @@ struct Picture<'a> {
 }
 
 impl Picture<'_> {
-    /// Columns beside `x`; `None` beyond a picture that is no ring.
-    fn column(&self, x: isize) -> Option<usize> {
-        let w = self.raster.width;
-        if self.raster.wraps {
-            Some(x.rem_euclid(w as isize) as usize)
-        } else {
-            usize::try_from(x).ok().filter(|x| *x < w)
-        }
-    }
-
     fn chains(&self, least_rows: usize) -> Vec<Chain> {
         let (w, h) = (self.raster.width, self.raster.height);
         let rows = 2 * BESIDE_ROWS + 1;
@@ -136,7 +126,7 @@ impl Picture<'_> {
                 self.add_steps(row, &mut sums);
             }
             for x in 0..w {
-                let beside = [-1, 1].map(|d| self.column(x as isize + d).map_or(0, |c| sums[c]));
+                let beside = [-1, 1].map(|d| self.raster.column_at(x as isize + d).map_or(0, |c| sums[c]));
                 let here = sums[x];
                 let (before, after) = (beside[0].abs(), beside[1].abs());
                 if here.abs() < least || here.abs() < before || here.abs() <= after {
@@ -159,7 +149,10 @@ impl Picture<'_> {
         let w = self.raster.width;
         let (levels, valid) = (&self.background[row * w..][..w], &self.valid[row * w..][..w]);
         for (x, sum) in sums.iter_mut().enumerate() {
-            let (Some(l), Some(r)) = (self.column(x as isize - 1), self.column(x as isize + 1)) else { continue };
+            let (Some(l), Some(r)) = (self.raster.column_at(x as isize - 1), self.raster.column_at(x as isize + 1))
+            else {
+                continue;
+            };
             if valid[l] != 0 && valid[x] != 0 && valid[r] != 0 {
                 *sum += i32::from(levels[r]) - i32::from(levels[l]);
             }
@@ -231,7 +224,7 @@ impl Picture<'_> {
     fn levels_beside(&self, column: f64, top: usize, bottom: usize) -> Option<[u8; 2]> {
         let (w, x) = (self.raster.width, column.round() as isize);
         let side = |sign: isize| {
-            let columns: Vec<usize> = LEVELS_AT.filter_map(|d| self.column(x + sign * d)).collect();
+            let columns: Vec<usize> = LEVELS_AT.filter_map(|d| self.raster.column_at(x + sign * d)).collect();
             let (mut sum, mut count) = (0u32, 0u32);
             for row in top..=bottom {
                 for c in columns.iter().filter(|c| self.valid[row * w + **c] != 0) {
@@ -246,7 +239,7 @@ impl Picture<'_> {
     /// Whether the picture ends just beyond a row.
     fn is_cut(&self, column: f64, row: usize, direction: isize) -> bool {
         let (w, h) = (self.raster.width, self.raster.height);
-        let Some(x) = self.column(column.round() as isize) else { return true };
+        let Some(x) = self.raster.column_at(column.round() as isize) else { return true };
         (1..=(CUT_ROWS + BESIDE_ROWS) as isize).any(|d| {
             let beyond = usize::try_from(row as isize + direction * d).ok().filter(|row| *row < h);
             beyond.is_none_or(|row| self.valid[row * w + x] == 0)

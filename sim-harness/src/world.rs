@@ -220,6 +220,25 @@ impl World {
         &self.blocks
     }
 
+    /// What is upright, from above: the room and every solid piece, corners in the room frame counter-clockwise, and between
+    /// which heights it is.
+    pub fn outlines(&self) -> Vec<([[f64; 2]; 4], [f64; 2])> {
+        let rectangle = |[x, y]: [f64; 2], half: [f64; 2], [cos, sin]: [f64; 2]| {
+            [[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]].map(|[a, b]| {
+                let [a, b] = [a * half[0], b * half[1]];
+                [x + cos * a - sin * b, y + sin * a + cos * b]
+            })
+        };
+        let [length, width, height] = self.size_m;
+        let room = (rectangle([0.0; 2], [length / 2.0, width / 2.0], [1.0, 0.0]), [0.0, height]);
+        let pieces = self.blocks.iter().map(|block| {
+            let (c, h) = (block.block.centre, block.block.half);
+            let [x, y, z, half_x, half_y, half_z] = [c.x, c.y, c.z, h.x, h.y, h.z].map(f64::from);
+            (rectangle([x, y], [half_x, half_y], block.block.turn.map(f64::from)), [z - half_z, z + half_z])
+        });
+        std::iter::once(room).chain(pieces).collect()
+    }
+
     /// What hangs on the walls.
     pub fn hangings(&self) -> &[Hanging] {
         &self.hangings

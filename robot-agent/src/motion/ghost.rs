@@ -27,14 +27,7 @@ pub(crate) fn outline_steps(region: &Region, picture: &[u8], background: &[u16],
     let w = raster.width;
     let mut votes = OutlineSteps::default();
     let mut add = |row: usize, outside: isize, inside: isize| {
-        let column = |c: isize| {
-            if raster.wraps {
-                Some(c.rem_euclid(w as isize) as usize)
-            } else {
-                usize::try_from(c).ok().filter(|&c| c < w)
-            }
-        };
-        if let (Some(o), Some(i)) = (column(outside), column(inside)) {
+        if let (Some(o), Some(i)) = (raster.column_at(outside), raster.column_at(inside)) {
             let (o, i) = (row * w + o, row * w + i);
             let in_picture = u16::from(picture[o].abs_diff(picture[i]));
             let in_background = background[o].abs_diff(background[i]) >> 8;

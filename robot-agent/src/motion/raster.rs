@@ -22,6 +22,14 @@ impl Raster {
         self.len() == 0
     }
 
+    /// The column at `x`, round a ring; `None` beside a picture that is none.
+    pub fn column_at(&self, x: isize) -> Option<usize> {
+        match self.wraps {
+            true => Some(x.rem_euclid(self.width as isize) as usize),
+            false => usize::try_from(x).ok().filter(|x| *x < self.width),
+        }
+    }
+
     /// `to − from` in columns, the short way round on a ring: in (−width/2, width/2].
     pub fn column_difference(&self, to: f64, from: f64) -> f64 {
         let d = to - from;

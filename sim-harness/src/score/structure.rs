@@ -104,21 +104,8 @@ impl SideOf {
 }
 
 fn sides(world: &World) -> Vec<SideOf> {
-    let mut sides = Vec::new();
-    let mut add = |middle: Vector2<f64>, half: [f64; 2], [cos, sin]: [f64; 2], z_m: [f64; 2]| {
-        let corner = |a: f64, b: f64| {
-            let (a, b) = (a * half[0], b * half[1]);
-            middle + Vector2::new(cos * a - sin * b, sin * a + cos * b)
-        };
-        let corners = [corner(-1.0, -1.0), corner(1.0, -1.0), corner(1.0, 1.0), corner(-1.0, 1.0)];
-        sides.extend((0..4).map(|k| SideOf { ends: [corners[k], corners[(k + 1) % 4]], z_m }));
+    let of = |(corners, z_m): ([[f64; 2]; 4], [f64; 2])| {
+        (0..4).map(move |k| SideOf { ends: [corners[k], corners[(k + 1) % 4]].map(Vector2::from), z_m })
     };
-    let [length, width, height] = world.room_size_m();
-    add(Vector2::zeros(), [length / 2.0, width / 2.0], [1.0, 0.0], [0.0, height]);
-    for block in world.blocks() {
-        let (c, h) = (block.block.centre, block.block.half);
-        let [x, y, z, half_x, half_y, half_z] = [c.x, c.y, c.z, h.x, h.y, h.z].map(f64::from);
-        add(Vector2::new(x, y), [half_x, half_y], block.block.turn.map(f64::from), [z - half_z, z + half_z]);
-    }
-    sides
+    world.outlines().into_iter().flat_map(of).collect()
 }

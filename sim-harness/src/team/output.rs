@@ -92,7 +92,7 @@ fn overlay(outcome: &Outcome, map: &TeamMap, room_from_team: Pose2) -> Overlay {
     let point = |[x, y]: [f64; 2]| team_from_room.transform(nalgebra::Vector2::new(x, y)).into();
     let truth = outcome.truth().at(outcome.true_time_s(map.stamp));
     Overlay {
-        outlines: outlines(&outcome.world).into_iter().map(|o| o.into_iter().map(point).collect()).collect(),
+        outlines: outcome.world.outlines().into_iter().map(|(corners, _)| corners.map(point).to_vec()).collect(),
         robots: truth.robots.iter().map(|r| (r.id.to_string(), team_from_room * r.room_from_body)).collect(),
         people: truth.people.iter().map(|p| (p.id.clone(), point(p.position_m))).collect(),
         edges: outcome.edges.iter().map(placed).collect(),
@@ -105,25 +105,6 @@ fn placed(edge: &EdgeJson) -> ([f64; 2], Matrix2<f64>) {
 }
 
 /// Walls and furniture from above.
-fn outlines(world: &World) -> Vec<Vec<[f64; 2]>> {
-    let rectangle = |x: f64, y: f64, half: [f64; 2], [cos, sin]: [f64; 2]| {
-        [[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]]
-            .map(|[a, b]| {
-                let [a, b] = [a * half[0], b * half[1]];
-                [x + cos * a - sin * b, y + sin * a + cos * b]
-            })
-            .to_vec()
-    };
-    let [length, width, _] = world.room_size_m();
-    let mut outlines = vec![rectangle(0.0, 0.0, [length / 2.0, width / 2.0], [1.0, 0.0])];
-    outlines.extend(world.blocks().iter().map(|block| {
-        let solid = &block.block;
-        let half = [f64::from(solid.half.x), f64::from(solid.half.y)];
-        rectangle(f64::from(solid.centre.x), f64::from(solid.centre.y), half, solid.turn.map(f64::from))
-    }));
-    outlines
-}
-
 #[derive(Serialize)]
 struct TruthLine {
     time_s: f64,

@@ -102,9 +102,7 @@ impl Leader {
             return None;
         };
         let limit_s = self.config.clock.max_uncertainty_s;
-        // A new session has a new clock until a probe says otherwise.
-        let known_clock = member.clock.filter(|_| member.clock_epoch == Some(observation.epoch));
-        let (at, at_sigma_s) = match (trusted, known_clock) {
+        let (at, at_sigma_s) = match (trusted, member.clock_of(observation.epoch)) {
             (true, _) => (observation.capture, 0.0),
             (false, Some(clock)) if clock.half_width_s(now) > limit_s => {
                 let known_ms = 1e3 * clock.half_width_s(now);
@@ -238,8 +236,7 @@ impl Leader {
         if self.config.clock.trusted {
             return Some(at);
         }
-        let member = &self.members[robot];
-        member.clock.filter(|_| member.clock_epoch == Some(epoch)).map(|clock| clock.leader_time(at))
+        self.members[robot].clock_of(epoch).map(|clock| clock.leader_time(at))
     }
 
     /// An alarm of a robot; any session's, also one that has ended.

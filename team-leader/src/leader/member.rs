@@ -120,6 +120,11 @@ impl Member {
         Some(self.last_probe.map_or(Timestamp::default(), |t| t.offset_by_secs(interval_s)))
     }
 
+    /// Its clock in a session: a new one has a new clock until a probe says otherwise.
+    pub fn clock_of(&self, epoch: u64) -> Option<ClockOffset> {
+        self.clock.filter(|_| self.clock_epoch == Some(epoch))
+    }
+
     /// Its clock may have been set: ask at once, but not more often than at first.
     pub fn doubt_clock(&mut self, now: Timestamp, config: &ClockConfig) {
         if self.last_probe.is_some_and(|last| now.seconds_since(last) >= config.first_probe_interval_s) {

@@ -36,8 +36,7 @@ impl Leader {
         if self.config.clock.trusted {
             return Some((at, epoch));
         }
-        let clock = member.clock.filter(|_| member.clock_epoch == Some(epoch))?;
-        Some((clock.robot_time(at), epoch))
+        Some((member.clock_of(epoch)?.robot_time(at), epoch))
     }
 
     fn neighbours(&self, robot: usize, at: Timestamp) -> Vec<Neighbour> {

@@ -23,7 +23,6 @@ use protocol::message::UprightEdge;
 use super::Landmark;
 use crate::calibration::kernel;
 use crate::correspondence::log_student;
-use crate::stereo::triangulate::{StereoBearings, triangulate};
 
 /// Rays that meet at a flatter angle (sine) say nothing about range.
 const LEAST_PARALLAX: f64 = 0.12;
@@ -127,11 +126,9 @@ struct Candidate {
 }
 
 impl Candidate {
-    /// Whether it wants an edge of another one, is elsewhere, and nearly as good.
+    /// Whether it is elsewhere than one that wants one of its edges, and nearly as good.
     fn disputes(&self, other: &Self) -> bool {
-        self.log_ratio > other.log_ratio - LEAD
-            && self.members.iter().any(|m| other.members.contains(m))
-            && (self.position - other.position).norm() > ELSEWHERE_M
+        self.log_ratio > other.log_ratio - LEAD && (self.position - other.position).norm() > ELSEWHERE_M
     }
 }
 
@@ -165,7 +162,7 @@ pub fn landmarks(views: &[Posed<'_>], joint: &dyn Fn(usize, usize) -> Matrix3<f6
             matching.pairs(a, b, &used, &mut heap);
         }
     }
-    let rivals: Vec<Candidate> = heap.iter().cloned().collect();
+    let rivals = Rivals::new(views, &heap);
     let mut found = Vec::new();
     while let Some(best) = heap.pop() {
         let [first, second] = [best.members[0], best.members[1]];
@@ -173,17 +170,40 @@ pub fn landmarks(views: &[Posed<'_>], joint: &dyn Fn(usize, usize) -> Matrix3<f6
             continue;
         }
         if best.members.iter().any(|(v, e)| used[*v][*e]) {
-            heap.extend(matching.weigh(first, second, &used));
+            heap.extend(matching.weigh(first, second, best.position, &used));
             continue;
         }
         let is_free = |c: &Candidate| c.members.iter().all(|(v, e)| !used[*v][*e]);
-        if rivals.iter().any(|rival| rival.disputes(&best) && is_free(rival)) {
+        if rivals.of(&best).any(|rival| rival.disputes(&best) && is_free(rival)) {
             continue;
         }
         best.members.iter().for_each(|(v, e)| used[*v][*e] = true);
         found.extend(matching.landmark(&best, joint));
     }
     found
+}
+
+/// All first candidates, by the edges that they want.
+struct Rivals {
+    all: Vec<Candidate>,
+    /// By view and edge: places in `all`.
+    wanting: Vec<Vec<Vec<usize>>>,
+}
+
+impl Rivals {
+    fn new(views: &[Posed<'_>], heap: &BinaryHeap<Candidate>) -> Self {
+        let all: Vec<Candidate> = heap.iter().cloned().collect();
+        let mut wanting: Vec<Vec<Vec<usize>>> = views.iter().map(|v| vec![Vec::new(); v.edges.len()]).collect();
+        for (n, candidate) in all.iter().enumerate() {
+            candidate.members.iter().for_each(|(v, e)| wanting[*v][*e].push(n));
+        }
+        Self { all, wanting }
+    }
+
+    /// Those that want an edge of this one.
+    fn of<'a>(&'a self, candidate: &'a Candidate) -> impl Iterator<Item = &'a Candidate> {
+        candidate.members.iter().flat_map(|(v, e)| &self.wanting[*v][*e]).map(|n| &self.all[*n])
+    }
 }
 
 struct Matching<'a> {
@@ -233,15 +253,22 @@ impl<'a> Matching<'a> {
                     && heap.len() < MAX_CANDIDATES
                     && alike_levels(self.edge((a, k)), self.edge((b, l))) >= LEAST_ALIKE
                 {
-                    heap.extend(self.weigh((a, k), (b, l), used));
+                    let (sin, cos) = self.edge((a, k)).bearing_rad.sin_cos();
+                    let met = pose_a.transform(ranges[0] * Vector2::new(cos, sin));
+                    heap.extend(self.weigh((a, k), (b, l), met, used));
                 }
             }
         }
     }
 
-    /// What speaks for two edges being one, with all of other views that are not used and pass there.
-    fn weigh(&self, a: (usize, usize), b: (usize, usize), used: &[Vec<bool>]) -> Option<Candidate> {
-        let position = self.crossing(a, b)?;
+    /// What speaks for two edges being one near `position`, with all of other views that are not used and pass there.
+    fn weigh(
+        &self,
+        a: (usize, usize),
+        b: (usize, usize),
+        position: Vector2<f64>,
+        used: &[Vec<bool>],
+    ) -> Option<Candidate> {
         let alike = self.alike(a, b, position);
         if alike < LEAST_ALIKE {
             return None;
@@ -269,19 +296,6 @@ impl<'a> Matching<'a> {
         log_ratio += likeness.iter().sum::<f64>() / likeness.len() as f64 * (members.len() - 1) as f64;
         let enough = if members.len() == 2 { ENOUGH[0] } else { ENOUGH[1] };
         (log_ratio > enough).then_some(Candidate { log_ratio, members, position })
-    }
-
-    fn crossing(&self, a: (usize, usize), b: (usize, usize)) -> Option<Vector2<f64>> {
-        let (pose_a, pose_b) = (&self.views[a.0].pose, &self.views[b.0].pose);
-        let met = triangulate(&StereoBearings {
-            target_1_rad: self.edge(a).bearing_rad,
-            target_2_rad: self.edge(b).bearing_rad,
-            bearing_21_rad: pose_a.bearing_to(pose_b.position()),
-            bearing_12_rad: pose_b.bearing_to(pose_a.position()),
-            baseline_m: (pose_b.position() - pose_a.position()).norm(),
-        })?;
-        let inside = [met.range_1_m, met.range_2_m].iter().all(|r| (RANGE_M[0]..RANGE_M[1]).contains(r));
-        (inside && met.parallax_rad.sin() > LEAST_PARALLAX).then(|| pose_a.transform(met.position_m))
     }
 
     /// The edge of a further view that speaks most for one at `position`, if any does.
