@@ -88,6 +88,49 @@ pub struct Look {
     /// axis, 0.1 … 180; a bar of code n is n times as wide, bars without code are of code 1.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub bar_width_deg: Option<f64>,
+    /// A lamp that says who it is.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub beacon: Option<Beacon>,
+}
+
+/// A lamp on the robot's axis, seen from all round, that blinks a code again and again: the report's "active signals", an
+/// identity for robots whose paint says nothing. Codes of a team must differ however far they are turned round.
+#[derive(Debug, Clone, PartialEq, Eq, Hash, Serialize, Deserialize, Encode, Decode)]
+#[serde(deny_unknown_fields)]
+pub struct Beacon {
+    /// Of the lamp's middle above the floor, millimetres, 1 … 10,000.
+    pub height_mm: u16,
+    /// Lit (1) and dark (0) one after the other: 4 … 32 of them, of both kinds.
+    pub code: String,
+    /// How long each is, milliseconds, 20 … 2000. At least two frames of those who look, to be read soon.
+    pub bit_ms: u16,
+}
+
+/// Least and most bits of a beacon's code.
+pub const BEACON_BITS: [usize; 2] = [4, 32];
+
+impl Beacon {
+    /// Lit or dark, in order.
+    pub fn bits(&self) -> impl ExactSizeIterator<Item = bool> + Clone + '_ {
+        self.code.bytes().map(|bit| bit == b'1')
+    }
+
+    /// Until the code begins anew, seconds.
+    pub fn cycle_s(&self) -> f64 {
+        1e-3 * f64::from(self.bit_ms) * self.code.len() as f64
+    }
+
+    /// Whether it can be seen and read: height, length of a bit and the code's length are legal, the code has 0 and 1 alone and both.
+    pub fn validate(&self) -> Result<(), Invalid> {
+        check::in_range("marker.look.beacon.height_mm", f64::from(self.height_mm), 1.0, 1e3 * MAX_LENGTH_M)?;
+        check::in_range("marker.look.beacon.bit_ms", f64::from(self.bit_ms), 20.0, 2000.0)?;
+        let (least, most) = (BEACON_BITS[0] as f64, BEACON_BITS[1] as f64);
+        check::in_range("marker.look.beacon.code (its length)", self.code.len() as f64, least, most)?;
+        let legal = self.code.bytes().all(|bit| matches!(bit, b'0' | b'1'));
+        check::consistent(legal, "marker.look.beacon.code", "has something else than 0 and 1")?;
+        let blinks = self.bits().any(|lit| lit) && self.bits().any(|lit| !lit);
+        check::consistent(blinks, "marker.look.beacon.code", "never changes")
+    }
 }
 
 /// One horizontal ring.
@@ -101,6 +144,17 @@ pub struct Ring {
 }
 
 impl Marker {
+    /// How it is painted and lit.
+    pub fn look(&self) -> Option<&Look> {
+        let (Self::Cylinder { look, .. } | Self::Bars { look, .. } | Self::Rectangle { look, .. }) = self;
+        look.as_ref()
+    }
+
+    /// The lamp that says who it is.
+    pub fn beacon(&self) -> Option<&Beacon> {
+        self.look().and_then(|look| look.beacon.as_ref())
+    }
+
     /// Whether the geometry is possible: positive finite lengths up to [`MAX_LENGTH_M`], ends in order, a code as long as
     /// the bars, rings without overlap. Configurations and messages are checked alike.
     pub fn validate(&self) -> Result<(), Invalid> {
@@ -140,6 +194,7 @@ impl Look {
         if let Some(width_deg) = self.bar_width_deg {
             check::in_range("marker.look.bar_width_deg", width_deg, 0.1, 180.0)?;
         }
+        self.beacon.as_ref().map_or(Ok(()), Beacon::validate)?;
         for ring in &self.rings {
             interval("marker.look.rings.height_m", ring.height_m)?;
             check::in_range("marker.look.rings.reflectance", ring.reflectance, 0.0, 1.0)?;

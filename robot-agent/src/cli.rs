@@ -6,6 +6,7 @@
 mod calibrate;
 mod camera;
 mod check;
+mod learn;
 mod mosaic;
 mod peers;
 mod run;
@@ -43,6 +44,7 @@ enum Command {
     Camera(camera::Arguments),
     Calibrate(calibrate::Arguments),
     Peers(peers::Arguments),
+    Learn(learn::Arguments),
     Check(check::Arguments),
 }
 
@@ -108,6 +110,7 @@ pub fn main() -> ExitCode {
         Command::Camera(arguments) => camera::execute(arguments),
         Command::Calibrate(arguments) => calibrate::execute(arguments),
         Command::Peers(arguments) => peers::execute(arguments),
+        Command::Learn(arguments) => learn::execute(arguments),
         Command::Check(arguments) => check::execute(arguments),
     };
     let (code, message) = match result {

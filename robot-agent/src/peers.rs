@@ -8,12 +8,14 @@
 //! sigma has two parts: noise that is new in each frame, and a floor (`floor_rad`) that successive frames of a standing pair share.
 
 mod bars;
+mod beacon;
 mod blur;
 mod combine;
 mod cylinder;
 mod edges;
 mod geometry;
 mod kernel;
+mod learn;
 mod look;
 mod near;
 mod plate;
@@ -27,10 +29,13 @@ use protocol::id::RobotId;
 use protocol::marker::Marker;
 use protocol::message::observation::{Feature, FeaturePart, PeerSighting, SightedRange};
 use protocol::quantity::{Angle16, Fraction8, LogSigma, Millimetres};
+use protocol::time::Timestamp;
 
 pub use cylinder::{EDGE_FLOOR_PX, ELEVATION_FLOOR_PX};
+pub use learn::{KnownView, LearnError, Learnt, learn};
 pub use search::Grid;
 
+use beacon::BeaconReader;
 use cylinder::CylinderFinder;
 use look::{CylinderLook, PlateLook};
 use plate::PlateFinder;
@@ -124,6 +129,7 @@ pub struct PeerDetector {
     rays: PixelRays,
     finders: Vec<CylinderFinder>,
     plates: Vec<PlateFinder>,
+    beacons: BeaconReader,
     unsupported: Vec<PeerError>,
     known: Vec<Known>,
     frames: u64,
@@ -173,6 +179,7 @@ impl PeerDetector {
             rays: PixelRays::new(camera.image_size_px()),
             finders,
             plates: plates.into_iter().map(|look| PlateFinder::new(camera, grid, look)).collect(),
+            beacons: BeaconReader::new(fellows),
             unsupported,
             known: Vec::new(),
             frames: 0,
@@ -183,6 +190,11 @@ impl PeerDetector {
     /// Markers that are not looked for, and why.
     pub fn unsupported(&self) -> &[PeerError] {
         &self.unsupported
+    }
+
+    /// Pairs of fellows whose lamps blink the same code: neither gets a name by it.
+    pub fn alike_beacons(&self) -> Vec<[RobotId; 2]> {
+        self.beacons.alike()
     }
 
     /// The robots in one picture, in order of bearing. `raw` has the camera's size, `panorama` the grid's; a slice of another size
@@ -197,9 +209,15 @@ impl PeerDetector {
             || !self.known.iter().any(|k| self.frames - k.last_seen <= FORGET_AFTER)
     }
 
-    /// Like [`PeerDetector::detect`] for a stream: known peers are measured in each frame, the whole circle is searched
+    /// Names fellows that [`PeerDetector::detect`] found in a stream by the lamps that they blink. The pictures come in the order of
+    /// their capture times.
+    pub fn read_beacons(&mut self, raw: &[u8], capture: Timestamp, peers: &mut [Peer]) {
+        self.beacons.read(&self.camera, raw, capture, peers);
+    }
+
+    /// Like [`PeerDetector::detect`] for a stream, with names by lamps: known peers are measured in each frame, the whole circle is searched
     /// every fifth frame, and once when a known peer is lost.
-    pub fn follow(&mut self, raw: &[u8], panorama: &[u8]) -> Vec<Peer> {
+    pub fn follow(&mut self, raw: &[u8], panorama: &[u8], capture: Timestamp) -> Vec<Peer> {
         let search = self.will_search();
         let frame = self.frames;
         self.frames += 1;
@@ -220,6 +238,7 @@ impl PeerDetector {
                 None => self.known.push(now),
             }
         }
+        self.read_beacons(raw, capture, &mut peers);
         peers
     }
 

@@ -123,7 +123,7 @@ fn pair(plan: &Plan, rays: &Arc<Rays>, seed: u64) -> Option<(Scenario, &'static 
     let robots = RobotsSpec {
         count: 2,
         poses: vec![poses[0], poses[other]],
-        wear: vec![WearOf { robot: RobotId::new("r2").ok()?, marker }],
+        wear: vec![WearOf { robot: RobotId::new("r2").ok()?, marker, beacon: None }],
         ..RobotsSpec::default()
     };
     let scenario = Scenario { robots, ..scenario };

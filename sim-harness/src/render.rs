@@ -274,6 +274,11 @@ impl Renderer {
     fn movers(&self, state: &State) -> Vec<Mover> {
         let robots = self.world.robots().iter().enumerate().filter(|(n, r)| *n != self.robot && !r.stands());
         let mut movers: Vec<Mover> = robots.map(|(n, _)| Mover::robot(n, body_at(&self.world, state, n))).collect();
+        for (n, robot) in self.world.robots().iter().enumerate().filter(|(n, _)| *n != self.robot) {
+            let at = &state.robots[n];
+            let lamp = robot.blink.as_ref().map(|b| Mover::lamp(n, Body::lamp(at.x_m, at.y_m), b.is_lit(state.time_s)));
+            movers.extend(lamp);
+        }
         for (n, (person, clothes)) in state.people.iter().zip(self.clothes.iter()).enumerate() {
             let capsules = self.world.capsules(person);
             movers.push(Mover::person(n, &capsules, *clothes, person.heading_rad));

@@ -19,7 +19,7 @@ use serde::{Deserialize, Serialize};
 pub use camera::{CameraSpec, TiltSpec};
 pub use others::{EyeSpec, OtherCamera};
 pub use room::{FurnitureKind, FurnitureSpec, LampSpec, RoomSpec, share_at};
-pub use wear::{WearOf, WearSpec};
+pub use wear::{BeaconSpec, WearOf, WearSpec};
 
 /// Why a scenario cannot be used.
 #[derive(Debug, thiserror::Error)]
@@ -177,7 +177,7 @@ impl Default for CaptureSpec {
 
 impl Scenario {
     /// Names of the scenarios inside the program.
-    pub const BUILTIN: [&'static str; 4] = ["default", "tiny", "moving_start", "mixed"];
+    pub const BUILTIN: [&'static str; 5] = ["default", "tiny", "moving_start", "mixed", "beacons"];
 
     /// A scenario inside the program.
     pub fn builtin(name: &str) -> Option<Result<Self, ScenarioError>> {
@@ -186,6 +186,7 @@ impl Scenario {
             "tiny" => include_str!("../scenarios/tiny.toml"),
             "moving_start" => include_str!("../scenarios/moving_start.toml"),
             "mixed" => include_str!("../scenarios/mixed.toml"),
+            "beacons" => include_str!("../scenarios/beacons.toml"),
             _ => return None,
         };
         Some(Self::parse(text, name))
@@ -240,7 +241,7 @@ impl Scenario {
 
     /// What a robot wears, as it announces it.
     pub fn marker_of(&self, robot: &RobotId) -> Marker {
-        self.robots.wear_of(robot).marker()
+        self.robots.wear_of(robot).marker(self.robots.beacon_of(robot))
     }
 }
 

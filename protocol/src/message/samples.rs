@@ -27,6 +27,7 @@ pub(crate) fn announcement() -> Announcement {
             look: Some(Look {
                 rings: vec![ring(0.1, 0.85), ring(0.2, 0.1), ring(0.3, 0.85), ring(0.4, 0.1)],
                 bar_width_deg: None,
+                beacon: None,
             }),
         },
         camera: CameraSummary {

@@ -143,7 +143,11 @@ impl Pipeline {
             return vec!["fellow robots cannot be looked for in a spherical panorama".to_owned()];
         };
         let detector = PeerDetector::for_team(&self.camera, grid, &markers);
-        let problems = detector.unsupported().iter().map(|error| format!("a fellow robot: {error}")).collect();
+        let unsupported = detector.unsupported().iter().map(|error| format!("a fellow robot: {error}"));
+        let alike = detector.alike_beacons().into_iter().map(|[a, b]| {
+            format!("the beacons of {a} and {b} blink the same code: neither has a name by it; give one of them another code")
+        });
+        let problems = unsupported.chain(alike).collect();
         self.peer_detector = Some(detector);
         self.markers = markers;
         problems
@@ -252,7 +256,7 @@ impl Pipeline {
 
     fn find_peers(&mut self, frame: &Frame) {
         let Some(detector) = &mut self.peer_detector else { return };
-        let mut peers = detector.follow(&frame.gray, self.motion.drawn());
+        let mut peers = detector.follow(&frame.gray, self.motion.drawn(), frame.capture);
         if let Some(readout) = &mut self.readout {
             let view = self.tracker.view();
             readout.correct(&mut peers, frame.capture, |bearing| view.delay_at_s(bearing, 0.0));

@@ -47,15 +47,15 @@ impl Team {
 
     /// The different looks of the fellows, in the order of their names; at most [`MAX_LOOKS`]. The own look stands for
     /// all fellows until one is known.
-    /// Bars come with the name of who wears them.
+    /// Bars and lamps come with the name of who wears them.
     pub fn looks(&self) -> Vec<(Option<RobotId>, Marker)> {
         let mut looks: Vec<(Option<RobotId>, Marker)> = Vec::new();
         let mut nameless = 0;
         for (robot, marker) in &self.markers {
-            let is_bars = matches!(marker, Marker::Bars { .. });
-            let look = (is_bars.then_some(*robot), marker.clone());
-            if !looks.contains(&look) && (is_bars || nameless < MAX_LOOKS) {
-                nameless += usize::from(!is_bars);
+            let tells_name = matches!(marker, Marker::Bars { .. }) || marker.beacon().is_some();
+            let look = (tells_name.then_some(*robot), marker.clone());
+            if !looks.contains(&look) && (tells_name || nameless < MAX_LOOKS) {
+                nameless += usize::from(!tells_name);
                 looks.push(look);
             }
         }

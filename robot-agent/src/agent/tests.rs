@@ -269,7 +269,11 @@ fn r1() -> RobotId {
 
 fn marker() -> Marker {
     let ring = |low: f64, reflectance| protocol::marker::Ring { height_m: [low, low + 0.2], reflectance };
-    let look = Some(protocol::marker::Look { rings: vec![ring(0.1, 0.85), ring(0.3, 0.1)], bar_width_deg: None });
+    let look = Some(protocol::marker::Look {
+        rings: vec![ring(0.1, 0.85), ring(0.3, 0.1)],
+        bar_width_deg: None,
+        beacon: None,
+    });
     Marker::Cylinder { radius_m: 0.2, height_m: [0.1, 0.5], look }
 }
 

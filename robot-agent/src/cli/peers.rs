@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use protocol::id::RobotId;
 use protocol::marker::Marker;
 use protocol::message::observation::FeaturePart;
+use protocol::time::Timestamp;
 use robot_agent::optics::MountedCamera;
 use robot_agent::panorama::{Lut, PanoramaGeometry};
 use robot_agent::peers::{Grid, Peer, PeerDetector, PeerFeature};
@@ -43,7 +44,8 @@ pub(super) fn execute(arguments: &Arguments) -> Result<(), Failure> {
     let mut panorama = vec![0; geometry.pixels()];
     print_lines(&arguments.input, source.as_mut(), "peers", |index, time_s, frame| {
         lut.unwarp(&frame.gray, &mut panorama).map_err(Failure::job)?;
-        let peers = detector.detect(&frame.gray, &panorama);
+        let mut peers = detector.detect(&frame.gray, &panorama);
+        detector.read_beacons(&frame.gray, Timestamp::from_secs_f64(time_s), &mut peers);
         Ok(json!({ "frame": index, "time_s": time_s, "peers": peers.iter().map(peer).collect::<Vec<_>>() }))
     })
 }

@@ -167,7 +167,7 @@ impl Offline {
             self.tracker.suspend(frame.capture);
         }
         if let Some(peers) = &mut self.peers {
-            let found = peers.follow(&frame.gray, &self.tested);
+            let found = peers.follow(&frame.gray, &self.tested, frame.capture);
             self.peer_bearings = found.iter().map(|p| PeerBearing::of(&p.to_sighting())).collect();
         }
         self.tracks = self.tracker.tracks();

@@ -47,6 +47,9 @@ fn check(document: &Document, at: &str, marker: &Marker) -> Result<(), DocumentE
         }
         look.map_or(Ok(()), |look| rings(document, at, look, [low, high]))
     };
+    if let Some((beacon, Err(fault))) = marker.beacon().map(|beacon| (beacon, beacon.validate())) {
+        return Err(document.invalid(&format!("{at}look.beacon"), format!("{beacon:?}"), fault.to_string()));
+    }
     match marker {
         Marker::Cylinder { radius_m, height_m, look } => {
             length("radius_m", *radius_m, 0.01, 2.0)?;

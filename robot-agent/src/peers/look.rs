@@ -281,7 +281,7 @@ mod tests {
 
     fn bars(azimuths_deg: &[f64], code: Option<Vec<u8>>) -> Result<CylinderLook, PeerError> {
         let ring = |low: f64, reflectance| Ring { height_m: [low, low + 0.1], reflectance };
-        let look = Look { rings: vec![ring(0.1, 0.85), ring(0.2, 0.1)], bar_width_deg: Some(20.0) };
+        let look = Look { rings: vec![ring(0.1, 0.85), ring(0.2, 0.1)], bar_width_deg: Some(20.0), beacon: None };
         let azimuths_deg = azimuths_deg.to_vec();
         let marker = Marker::Bars { radius_m: 0.2, azimuths_deg, height_m: [0.1, 0.3], code, look: Some(look) };
         CylinderLook::from_marker(&marker, RobotId::new("r2").ok())

@@ -9,22 +9,30 @@ use protocol::marker::{Look, Marker, Ring};
 use super::test_scene::{self, Dice, Scene};
 use super::*;
 
-fn marker() -> Marker {
+pub(super) fn marker() -> Marker {
     let rings = [0.85, 0.10, 0.85, 0.10]
         .iter()
         .enumerate()
         .map(|(k, r)| Ring { height_m: [0.1 + 0.1 * k as f64, 0.2 + 0.1 * k as f64], reflectance: *r })
         .collect();
-    Marker::Cylinder { radius_m: 0.2, height_m: [0.1, 0.5], look: Some(Look { rings, bar_width_deg: None }) }
+    Marker::Cylinder {
+        radius_m: 0.2,
+        height_m: [0.1, 0.5],
+        look: Some(Look { rings, bar_width_deg: None, beacon: None }),
+    }
 }
 
-fn grid() -> Grid {
+pub(super) fn grid() -> Grid {
     let tan = |deg: f64| deg.to_radians().tan();
     Grid { width: 1080, height: 162, seam_rad: PI, tangents: [tan(20.0), tan(-15.0)] }
 }
 
+pub(super) fn camera() -> MountedCamera {
+    MountedCamera::reference(test_scene::CAMERA_HEIGHT_M)
+}
+
 fn detector() -> PeerDetector {
-    PeerDetector::new(&MountedCamera::reference(test_scene::CAMERA_HEIGHT_M), grid(), &[marker()])
+    PeerDetector::new(&camera(), grid(), &[marker()])
 }
 
 /// Sees robots at (bearing, range) in a room with whatever else `others` holds.
@@ -187,19 +195,25 @@ fn following_a_stream_measures_as_single_pictures_do_and_predicts_nothing() {
     for frame in 0..4 {
         let raw = scene.picture(2.0, frame);
         let panorama = test_scene::panorama(&raw);
-        for peers in [single.detect(&raw, &panorama), stream.follow(&raw, &panorama)] {
+        let now = Timestamp::from_secs_f64(0.1 * frame as f64);
+        for peers in [single.detect(&raw, &panorama), stream.follow(&raw, &panorama, now)] {
             assert_eq!(peers.len(), 1, "frame {frame}");
             assert_consistent(&peers[0], 1.0_f64.atan2(2.0), 5.0_f64.sqrt());
         }
     }
     let empty = vec![0; test_scene::WIDTH * test_scene::HEIGHT];
-    assert_eq!(stream.follow(&empty, &test_scene::panorama(&empty)), vec![], "a robot that is gone is not predicted");
+    let later = Timestamp::from_secs_f64(0.4);
+    assert_eq!(
+        stream.follow(&empty, &test_scene::panorama(&empty), later),
+        vec![],
+        "a robot that is gone is not predicted"
+    );
 }
 
 #[test]
 fn pictures_of_another_size_have_no_peers_and_do_no_harm() {
     assert_eq!(detector().detect(&[0; 100], &[0; 100]), vec![]);
-    assert_eq!(detector().follow(&[], &[]), vec![]);
+    assert_eq!(detector().follow(&[], &[], Timestamp::default()), vec![]);
 }
 
 #[test]

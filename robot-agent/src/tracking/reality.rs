@@ -54,7 +54,7 @@ fn peers(
         while let Some(frame) = source.next_frame() {
             let frame = frame.unwrap();
             lut.unwarp(&frame.gray, &mut panorama).unwrap();
-            let found = detector.follow(&frame.gray, &panorama);
+            let found = detector.follow(&frame.gray, &panorama, frame.capture);
             all.push(
                 found
                     .iter()

@@ -97,7 +97,7 @@ fn scenario(camera: &CameraSpec, duration_s: f64, robots: bool, rng: &mut ChaCha
         });
         let Some(pose) = found else { continue };
         poses.push(pose);
-        wear.push(WearOf { robot: RobotId::new(&format!("r{}", poses.len())).ok()?, marker });
+        wear.push(WearOf { robot: RobotId::new(&format!("r{}", poses.len())).ok()?, marker, beacon: None });
     }
     let (people, standing) = people(rng, &poses, |p| floor.clearance(place(p[0], p[1])) >= 0.3);
     Some(Scenario {

@@ -136,6 +136,23 @@ pub(super) fn panorama(eyes: &Eyes, plan: &Plan, seed: u64, picture: usize) -> O
     image::GrayImage::from_raw(eyes.geometry.width(), eyes.geometry.height(), panorama)
 }
 
+/// What the first robot of a scenario sees of its fellows in so many pictures, 10 a second, as its agent does: followed, with names.
+#[cfg(test)]
+pub fn follow(eyes: &Eyes, scenario: &crate::scenario::Scenario, pictures: usize) -> Vec<Vec<Peer>> {
+    let Ok(world) = crate::world::World::new(scenario, 1) else { return Vec::new() };
+    let mut renderer = Renderer::of_first(&Arc::new(world), &eyes.rays);
+    let fellows: Vec<_> = scenario.robot_ids().iter().skip(1).map(|id| (Some(*id), scenario.marker_of(id))).collect();
+    let mut detector = PeerDetector::for_team(&eyes.camera, eyes.grid, &fellows);
+    let mut panorama = vec![0; eyes.geometry.pixels()];
+    let look = |n: usize| {
+        let time_s = PERIOD_S * n as f64;
+        let gray = renderer.render(time_s).gray;
+        let _ = eyes.lut.unwarp(&gray, &mut panorama);
+        detector.follow(&gray, &panorama, protocol::time::Timestamp::from_secs_f64(1.0 + time_s))
+    };
+    (0..pictures).map(look).collect()
+}
+
 /// Renders a layout's pictures and looks for robots in them.
 pub fn look(eyes: &Eyes, plan: &Plan, seed: u64) -> Outcome {
     let pictures = plan.pictures;
@@ -148,7 +165,7 @@ pub fn look(eyes: &Eyes, plan: &Plan, seed: u64) -> Outcome {
         scenario.robot_ids().iter().skip(1).map(|id| (Some(*id), scenario.marker_of(id))).collect();
     // The team has fellows elsewhere: the detector must not take one for another, or anything else for them.
     for (n, wear) in layout::worn().iter().enumerate() {
-        let marker = wear.marker();
+        let marker = wear.marker(None);
         if fellows.iter().all(|(_, m)| *m != marker) {
             fellows.push((RobotId::new(&format!("away{n}")).ok(), marker));
         }

@@ -20,6 +20,8 @@ pub struct Mover {
     pub caster: Caster,
     clothes: Option<Clothes>,
     turn: [f32; 2],
+    /// A lamp that is lit.
+    is_lit: bool,
 }
 
 /// Where a ray meets a mover.
@@ -34,7 +36,13 @@ pub struct MoverHit {
 impl Mover {
     /// A driving robot.
     pub fn robot(index: usize, body: Body) -> Self {
-        Self { caster: robot_caster(index as u16 + 1, body), clothes: None, turn: [1.0, 0.0] }
+        Self { caster: robot_caster(index as u16 + 1, body), clothes: None, turn: [1.0, 0.0], is_lit: false }
+    }
+
+    /// The lamp above a robot. It throws no shadow.
+    pub fn lamp(index: usize, body: Body, is_lit: bool) -> Self {
+        let caster = Caster { uprights: Vec::new(), ..robot_caster(index as u16 + 1, body) };
+        Self { caster, clothes: None, turn: [1.0, 0.0], is_lit }
     }
 
     /// A person.
@@ -47,7 +55,12 @@ impl Mover {
             uprights: Vec::new(),
             robot: None,
         };
-        Self { caster, clothes: Some(clothes), turn: [heading_rad.cos() as f32, heading_rad.sin() as f32] }
+        Self {
+            caster,
+            clothes: Some(clothes),
+            turn: [heading_rad.cos() as f32, heading_rad.sin() as f32],
+            is_lit: false,
+        }
     }
 
     /// Which person it is.
@@ -152,6 +165,10 @@ impl Mover {
     /// What the met point sends to the camera; `open` is the share of each lamp's light that comes there.
     pub fn glow(&self, hit: &MoverHit, ray: &Ray, scene: &Scene, open: &PerLamp) -> Glow {
         let p = ray.at(hit.t);
+        let own = self.caster.robot.as_ref().filter(|_| self.is_lit).and_then(|body| body.own_glow(hit.part));
+        if let Some(ambient) = own {
+            return Glow { ambient, ..Glow::default() };
+        }
         let mut glow = match (hit.normal, &self.caster.robot, &self.clothes) {
             (Some(normal), Some(body), _) => robot_glow(scene, body.reflectance(hit.part, p, normal), p, normal),
             (_, _, Some(clothes)) => self.person_glow(hit.part, clothes, p, scene),

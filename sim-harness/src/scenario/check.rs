@@ -121,7 +121,7 @@ fn robots(s: &Scenario) -> Result<(), Fault> {
             within(&format!("{key}.marker.left_edge_m"), *left_edge_m, 0.0, *width_m, "metres")?;
             within(&format!("{key}.marker.behind_m"), *behind_m, 0.03, 0.3, "metres (before the mast)")?;
         }
-        if let Err(fault) = wear.marker.marker().validate() {
+        if let Err(fault) = wear.marker().validate() {
             let right = "a marker that can be announced".to_owned();
             return Err(Fault { key: format!("{key}.marker"), value: fault.to_string(), right });
         }

@@ -1,7 +1,7 @@
 //! What robots wear, and how they announce it.
 
 use protocol::id::RobotId;
-use protocol::marker::{Look, Marker, Ring};
+use protocol::marker::{Beacon, Look, Marker, Ring};
 use serde::{Deserialize, Serialize};
 
 use super::RobotsSpec;
@@ -14,14 +14,29 @@ pub struct WearOf {
     /// Which robot, e.g. "r2".
     pub robot: RobotId,
     /// What.
+    #[serde(default)]
     pub marker: WearSpec,
+    /// A lamp above it that blinks a code.
+    #[serde(default)]
+    pub beacon: Option<BeaconSpec>,
+}
+
+/// What a lamp blinks.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct BeaconSpec {
+    /// Lit (1) and dark (0).
+    pub code: String,
+    /// Each of them, milliseconds.
+    pub bit_ms: u16,
 }
 
 /// A body: `kind` selects.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "kind", rename_all = "snake_case", deny_unknown_fields)]
 pub enum WearSpec {
     /// A cylinder painted in rings.
+    #[default]
     Rings,
     /// The same with vertical bars, in which dark and bright rings are exchanged.
     Bars {
@@ -49,21 +64,38 @@ impl RobotsSpec {
         let of = self.wear.iter().find(|of| of.robot == *robot);
         of.map_or(WearSpec::Rings, |of| of.marker.clone())
     }
+
+    /// What its lamp blinks, if it has one.
+    pub fn beacon_of(&self, robot: &RobotId) -> Option<&BeaconSpec> {
+        self.wear.iter().find(|of| of.robot == *robot).and_then(|of| of.beacon.as_ref())
+    }
+}
+
+impl WearOf {
+    /// As it is announced.
+    pub fn marker(&self) -> Marker {
+        self.marker.marker(self.beacon.as_ref())
+    }
 }
 
 impl WearSpec {
     /// As it is announced.
-    pub fn marker(&self) -> Marker {
+    pub fn marker(&self, beacon: Option<&BeaconSpec>) -> Marker {
+        let middle_m = 0.5 * (body::LAMP_M[0] + body::LAMP_M[1]);
+        let height_mm = (1e3 * middle_m).round() as u16;
+        let beacon = beacon.map(|b| Beacon { height_mm, code: b.code.clone(), bit_ms: b.bit_ms });
         let rings = body::RINGS.iter().map(|r| Ring { height_m: r.height_m, reflectance: r.reflectance }).collect();
         let (radius_m, height_m) = (body::RADIUS_M, body::PAINTED_M);
         match self {
-            Self::Rings => Marker::Cylinder { radius_m, height_m, look: Some(Look { rings, bar_width_deg: None }) },
+            Self::Rings => {
+                Marker::Cylinder { radius_m, height_m, look: Some(Look { rings, bar_width_deg: None, beacon }) }
+            }
             Self::Bars { azimuths_deg, bar_width_deg, code } => Marker::Bars {
                 radius_m,
                 azimuths_deg: azimuths_deg.clone(),
                 height_m,
                 code: code.clone(),
-                look: Some(Look { rings, bar_width_deg: Some(*bar_width_deg) }),
+                look: Some(Look { rings, bar_width_deg: Some(*bar_width_deg), beacon }),
             },
             Self::Plate { width_m, left_edge_m, behind_m } => Marker::Rectangle {
                 width_m: *width_m,
@@ -71,7 +103,7 @@ impl WearSpec {
                 left_edge_m: *left_edge_m,
                 behind_m: *behind_m,
                 bottom_m: height_m[0],
-                look: Some(Look { rings, bar_width_deg: None }),
+                look: Some(Look { rings, bar_width_deg: None, beacon }),
             },
         }
     }

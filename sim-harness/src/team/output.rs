@@ -17,7 +17,6 @@ use super::diagnosis::diagnose;
 use super::outcome::Scored;
 use super::{Outcome, TeamError};
 use crate::replay;
-use crate::world::World;
 
 /// Between two lines of `truth.jsonl`, seconds.
 const TRUTH_STEP_S: f64 = 0.05;

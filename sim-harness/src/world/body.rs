@@ -29,6 +29,13 @@ pub const PAINTED_M: [f64; 2] = [0.10, 0.50];
 pub const MAST_RADIUS_M: f64 = 0.02;
 /// The lens block reaches this far above and below the camera's focus.
 pub const LENS_HALF_HEIGHT_M: f64 = 0.02;
+/// Of a lamp round the mast: from where to where, and its radius.
+pub const LAMP_M: [f64; 2] = [0.52, 0.56];
+const LAMP_RADIUS_M: f64 = 0.03;
+/// Its diffuser.
+const LAMP_REFLECTANCE: f32 = 0.5;
+/// What it sends when it is lit: a white wall under the room's lamps sends about 0.8.
+const LAMP_GLOW: f32 = 2.5;
 /// Of everything that is not a ring.
 pub const BARE_REFLECTANCE: f64 = 0.30;
 /// Of a plate's sheet.
@@ -83,9 +90,22 @@ enum Cover {
     Bare,
     Mast,
     Lens,
+    Lamp,
 }
 
 impl Body {
+    /// A lamp round the mast of a robot at (x, y).
+    pub fn lamp(x_m: f64, y_m: f64) -> Self {
+        let [low, high] = LAMP_M.map(|z| z as f32);
+        let solid = Solid::Upright(Upright { x: x_m as f32, y: y_m as f32, radius: LAMP_RADIUS_M as f32, low, high });
+        Self { wear: Arc::default(), heading_rad: 0.0, parts: vec![Part { solid, paint: Cover::Lamp }] }
+    }
+
+    /// What a part sends by itself where it is lit.
+    pub fn own_glow(&self, part: usize) -> Option<f32> {
+        (self.parts[part].paint == Cover::Lamp).then_some(LAMP_GLOW)
+    }
+
     /// What stands at (x, y) with a heading.
     pub fn new(wear: &Arc<WearSpec>, x_m: f64, y_m: f64, heading_rad: f64, camera_height_m: f64) -> Self {
         let upright = |radius: f64, low: f64, high: f64| {
@@ -193,6 +213,7 @@ impl Body {
         match (self.parts[part].paint, &self.parts[part].solid) {
             (Cover::Mast, _) => 0.25,
             (Cover::Lens, _) => 0.12,
+            (Cover::Lamp, _) => LAMP_REFLECTANCE,
             (Cover::Bare, _) => BARE_REFLECTANCE as f32,
             (Cover::Marker, _) if normal.z.abs() >= 0.5 => BARE_REFLECTANCE as f32,
             (Cover::Marker, Solid::Upright(_)) => ring(self.is_in_bar(normal)),
@@ -219,6 +240,7 @@ impl Body {
                     Side::Rim => 64,
                 }
             }
+            (_, _) if self.parts[part].paint == Cover::Lamp => 128,
             _ => 0,
         }
     }

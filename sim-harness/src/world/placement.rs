@@ -9,7 +9,7 @@ use rand::{Rng, RngExt};
 
 use super::WorldError;
 use super::floor::Floor;
-use super::robot::Robot;
+use super::robot::{Blink, Robot};
 use crate::scenario::{DriveSpec, RobotsSpec};
 
 /// Of a robot's axis from walls and furniture where it stands.
@@ -28,6 +28,8 @@ const LEAST_RATIO: f64 = 1.12;
 const VIEW_MARGIN_RAD: f64 = 0.12;
 const LAYOUTS: usize = 4000;
 const TRIES: usize = 60;
+/// Between the starts of two robots' lamps.
+const BEGUN_APART_S: f64 = 0.37;
 
 /// First pose and drives of each robot. Who looks one way, and half of how far, is turned so that all others are in its picture.
 pub(super) fn place(
@@ -41,6 +43,7 @@ pub(super) fn place(
         for (n, (id, _)) in wanted.iter().enumerate() {
             let drives: Vec<DriveSpec> = spec.drives.iter().filter(|d| d.robot == *id).cloned().collect();
             let wear = Arc::new(spec.wear_of(id));
+            let blink = spec.beacon_of(id).map(|beacon| Blink::new(beacon, BEGUN_APART_S * n as f64));
             let fixed = spec.poses.get(n).map(|[x, y, h]| [*x, *y, h.to_radians()]);
             let tries = if fixed.is_some() { 1 } else { TRIES };
             let found = (0..tries).find_map(|_| {
@@ -57,6 +60,7 @@ pub(super) fn place(
                     first_pose: fixed.unwrap_or(random),
                     drives: drives.clone(),
                     wear: wear.clone(),
+                    blink: blink.clone(),
                 };
                 (fixed.is_some() || fits(&robot, &robots, spec, floor)).then_some(robot)
             });

@@ -7,7 +7,7 @@ use protocol::id::RobotId;
 use protocol::time::Timestamp;
 use rand::{Rng, RngExt};
 
-use crate::scenario::{CaptureSpec, DriveSpec, WearSpec};
+use crate::scenario::{BeaconSpec, CaptureSpec, DriveSpec, WearSpec};
 
 /// Zero of the true time on every clock of the team before its own offset, so that no stamp is negative.
 pub const START_STAMP_S: f64 = 1.0;
@@ -27,6 +27,32 @@ pub struct Robot {
     pub drives: Vec<DriveSpec>,
     /// What it wears.
     pub wear: Arc<WearSpec>,
+    /// The lamp above it.
+    pub blink: Option<Blink>,
+}
+
+/// A lamp that blinks a code again and again.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Blink {
+    /// Lit or dark.
+    bits: Vec<bool>,
+    bit_s: f64,
+    /// When it began: every robot was switched on at another time.
+    begun_s: f64,
+}
+
+impl Blink {
+    /// Begun so long before the run.
+    pub fn new(spec: &BeaconSpec, begun_s: f64) -> Self {
+        let bits = spec.code.bytes().map(|bit| bit == b'1').collect();
+        Self { bits, bit_s: 1e-3 * f64::from(spec.bit_ms), begun_s }
+    }
+
+    /// Whether it is lit at a true time.
+    pub fn is_lit(&self, time_s: f64) -> bool {
+        let bit = ((time_s + self.begun_s) / self.bit_s).floor() as i64;
+        self.bits.get(bit.rem_euclid(self.bits.len().max(1) as i64) as usize).is_some_and(|lit| *lit)
+    }
 }
 
 /// One picture.
