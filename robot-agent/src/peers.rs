@@ -36,7 +36,7 @@ pub use learn::{KnownView, LearnError, Learnt, learn};
 pub use search::Grid;
 
 use beacon::BeaconReader;
-use cylinder::CylinderFinder;
+use cylinder::{CylinderFinder, Part};
 use look::{CylinderLook, PlateLook};
 use plate::PlateFinder;
 use rays::PixelRays;
@@ -173,7 +173,11 @@ impl PeerDetector {
                 Err(error) => unsupported.push(error),
             }
         }
-        let finders = looks.into_iter().map(|look| CylinderFinder::new(camera, grid, look)).collect();
+        let both = |look: CylinderLook| {
+            let upper = look.upper_part().map(|look| CylinderFinder::new(camera, grid, look, Part::Upper));
+            std::iter::once(CylinderFinder::new(camera, grid, look, Part::Whole)).chain(upper)
+        };
+        let finders = looks.into_iter().flat_map(both).collect();
         Self {
             camera: camera.clone(),
             rays: PixelRays::new(camera.image_size_px()),
@@ -257,7 +261,8 @@ impl PeerDetector {
         let mut found = Vec::new();
         for finder in &mut self.finders {
             let panorama = panorama.filter(|p| p.len() == finder.panorama_len());
-            found.extend(finder.find(&self.camera, &mut self.rays, raw, panorama, known, &mut self.timings));
+            let finds = finder.find(&self.camera, &mut self.rays, raw, panorama, (known, &found), &mut self.timings);
+            found.extend(finds);
         }
         for finder in &mut self.plates {
             let panorama = panorama.filter(|p| p.len() == finder.panorama_len());
@@ -277,6 +282,9 @@ struct Find {
     /// Half of the body's width, metres.
     half_m: f64,
 }
+
+/// What is expected, and what other finders have found: known (bearing, range) and finds.
+type Before<'a> = (&'a [(f64, f64)], &'a [Find]);
 
 /// One body may be taken for two kinds of marker: the better fit stands.
 fn without_doubles(mut found: Vec<Find>) -> Vec<Peer> {

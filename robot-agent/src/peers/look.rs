@@ -18,6 +18,9 @@ const GAP_M: f64 = 2e-3;
 /// Most bar patterns of one paint: more robots of one paint than that are found, but not told apart.
 pub const MAX_PATTERNS: usize = 32;
 
+/// Fewer rings than that are no pattern of their own.
+const LEAST_UPPER_RINGS: usize = 3;
+
 /// A striped plate.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PlateLook {
@@ -127,6 +130,15 @@ impl CylinderLook {
             }
         }
         true
+    }
+
+    /// The same without its lowest ring: what shows over a box or a robot that stands before it. `None` where too few rings are left.
+    pub fn upper_part(&self) -> Option<Self> {
+        (self.reflectance.len() > LEAST_UPPER_RINGS).then(|| Self {
+            edges_m: self.edges_m[1..].to_vec(),
+            reflectance: self.reflectance[1..].to_vec(),
+            ..self.clone()
+        })
     }
 
     /// Whether any body of this paint has bars.

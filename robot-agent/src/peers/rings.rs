@@ -72,8 +72,10 @@ pub struct RingFit {
     pub covariance: [[f64; 3]; 3],
     /// Residual of the visible columns, grey levels.
     pub noise: f64,
-    /// Columns across the body, right to left by bearing.
+    /// Columns across the body, right to left by bearing, and half of what they are over, radians.
     pub columns: Vec<Column>,
+    /// See `columns`.
+    pub half_rad: f64,
     /// Share of the inner columns that show the rings.
     pub visible: f64,
     /// Mean correlation of the visible columns.
@@ -351,6 +353,7 @@ pub fn fit(
         correlation: shown.correlation,
         gain: shown.gain,
         columns: shown.columns,
+        half_rad: Cylinder::new(state.bearing_rad, state.near_m + look.radius_m, look.radius_m).outline_rad,
         bend,
         edges_seen,
         is_rim: false,

@@ -7,12 +7,14 @@
 use super::super::bars::{self, Reading};
 use super::super::edges::Side;
 use super::super::rays::Sample;
-use super::super::rings::RingFit;
+use super::super::rings::{Column, RingFit};
 use super::CylinderFinder;
 
 /// Next to a missing outline bars are doubtful from this share of the half width on; headings with and without them differ by less.
 const DOUBTFUL_SHARE: f64 = 0.2;
 const SAME_HEADING_RAD: f64 = 0.1;
+/// A side is hidden where so many of its columns show no rings.
+const LEAST_HIDDEN: usize = 3;
 /// A side is whole where more than this share of its third of the columns shows rings.
 const WHOLE_SIDE: f64 = 0.85;
 
@@ -27,6 +29,26 @@ impl CylinderFinder {
             Side::Right => measured.iter().take(few).filter(|v| **v).count(),
         };
         shown as f64 > WHOLE_SIDE * few as f64
+    }
+
+    /// Sectors [right, left] at either side in which something else than rings shows: somebody stands before that side.
+    pub(super) fn hidden_sides(rings: &RingFit) -> Vec<[f64; 2]> {
+        let shows = |c: &Column| c.visible || c.is_mixed;
+        let (Some(first), Some(last)) = (rings.columns.iter().position(shows), rings.columns.iter().rposition(shows))
+        else {
+            return Vec::new();
+        };
+        let measured = |c: &&Column| c.correlation != 0.0;
+        let (half, n) = (rings.half_rad, rings.columns.len() as f64);
+        let at = |border: usize| rings.bearing_rad - half + 2.0 * half * border as f64 / n;
+        let mut sides = Vec::new();
+        if rings.columns[..first].iter().filter(measured).count() >= LEAST_HIDDEN {
+            sides.push([at(0) - half, at(first)]);
+        }
+        if rings.columns[last + 1..].iter().filter(measured).count() >= LEAST_HIDDEN {
+            sides.push([at(last + 1), at(rings.columns.len()) + half]);
+        }
+        sides
     }
 
     /// Where an outline is missing somebody may stand before the bars next to it: name and heading must be the same without them.
