@@ -3,7 +3,7 @@
 use super::*;
 use crate::frames::Pose2;
 use crate::id::{LeaderId, RobotId, TargetId, TrackId};
-use crate::marker::{Look, Marker, Ring};
+use crate::marker::{Beacon, Look, Marker, Ring};
 use crate::message::observation::FeaturePart;
 use crate::quantity::{Angle16, Fraction8, LogSigma, Millimetres};
 use crate::time::Timestamp;
@@ -27,7 +27,7 @@ pub(crate) fn announcement() -> Announcement {
             look: Some(Look {
                 rings: vec![ring(0.1, 0.85), ring(0.2, 0.1), ring(0.3, 0.85), ring(0.4, 0.1)],
                 bar_width_deg: None,
-                beacon: None,
+                beacon: Some(Beacon { height_mm: 540, code: "1101000".to_owned(), bit_ms: 200 }),
             }),
         },
         camera: CameraSummary {

@@ -17,7 +17,8 @@ use super::{Failure, open_frames};
 const MOST_PICTURES: usize = 64;
 
 /// Learns what a robot looks like from pictures of it at known places: the rings of its round body, as a marker for
-/// `marker_file` and `peers --markers`. Says how well the robot is found by it in the same pictures.
+/// `marker_file` and `peers --markers`. Says in how many of the pictures the robot is found by it;
+/// in none is an error.
 #[derive(Debug, clap::Args)]
 pub(super) struct Arguments {
     /// A folder of images, an image, a .y4m file, or a video that ffmpeg decodes.
@@ -52,6 +53,7 @@ struct Place {
 pub(super) fn execute(arguments: &Arguments) -> Result<(), Failure> {
     let camera = MountedCamera::load(&arguments.camera).map_err(Failure::usage)?;
     let (radius_m, height_m) = checked(arguments)?;
+    let format = arguments.out.as_deref().map(format_of).transpose()?;
     let places = load_places(&arguments.places, radius_m)?;
     let pictures = pictures(arguments, &camera, &places)?;
     let views: Vec<KnownView<'_>> = pictures
@@ -61,8 +63,15 @@ pub(super) fn execute(arguments: &Arguments) -> Result<(), Failure> {
     let learnt = peers::learn(&camera, &views, radius_m, height_m)
         .map_err(|error| Failure::job(format!("{}: {error}", arguments.input.display())))?;
     tracing::info!("pixels differ from the rings by {:.1} % of the contrast", 100.0 * learnt.rest);
-    tell_how_well(&camera, &views, &learnt.bearings_rad, &learnt.marker);
-    write(arguments.out.as_deref(), &learnt.marker)
+    try_out(&camera, &views, &learnt.bearings_rad, &learnt.marker)?;
+    match (&arguments.out, format) {
+        (Some(path), Some(format)) => {
+            let text = format(&learnt.marker)?;
+            whole_file::replace(path, text.as_bytes(), whole_file::ORDINARY)
+                .map_err(|e| Failure::job(format!("cannot write {}: {e}", path.display())))
+        }
+        _ => Ok(writeln!(std::io::stdout().lock(), "{}", as_json(&learnt.marker)?)?),
+    }
 }
 
 fn checked(arguments: &Arguments) -> Result<(f64, [f64; 2]), Failure> {
@@ -126,46 +135,46 @@ fn pictures(arguments: &Arguments, camera: &MountedCamera, places: &[Place]) -> 
 }
 
 /// Logs in how many of the pictures the robot is found by the look, and how far from where it was said to be.
-fn tell_how_well(camera: &MountedCamera, views: &[KnownView<'_>], bearings_rad: &[f64], marker: &Marker) {
-    let Ok(geometry) = PanoramaGeometry::for_camera(camera) else { return };
-    let Some(grid) = Grid::of(&geometry) else { return };
+fn try_out(
+    camera: &MountedCamera,
+    views: &[KnownView<'_>],
+    bearings_rad: &[f64],
+    marker: &Marker,
+) -> Result<(), Failure> {
+    let geometry = PanoramaGeometry::for_camera(camera).map_err(Failure::usage)?;
+    let Some(grid) = Grid::of(&geometry) else {
+        tracing::warn!("not tried out: peers are found in a cylinder panorama, and this camera sees beyond 60 degrees");
+        return Ok(());
+    };
     let mut detector = PeerDetector::new(camera, grid, std::slice::from_ref(marker));
     let lut = Lut::panorama(camera, &geometry);
     let mut panorama = vec![0; geometry.pixels()];
-    let (mut found, mut worst_m) = (0usize, 0.0f64);
+    let mut away_m: Vec<f64> = Vec::new();
     for (view, bearing_rad) in views.iter().zip(bearings_rad) {
-        if lut.unwarp(view.raw, &mut panorama).is_err() {
-            continue;
-        }
+        lut.unwarp(view.raw, &mut panorama).map_err(Failure::job)?;
         let peers = detector.detect(view.raw, &panorama);
         let there = peers.iter().filter(|p| difference(p.bearing_rad, *bearing_rad).abs() * view.range_m < 0.1);
         let nearest = there.map(|p| (p.range_m - view.range_m).abs()).min_by(f64::total_cmp);
-        if let Some(away_m) = nearest.filter(|away_m| *away_m < 0.1 * view.range_m) {
-            found += 1;
-            worst_m = worst_m.max(away_m);
-        }
+        away_m.extend(nearest.filter(|away_m| *away_m < 0.1 * view.range_m));
     }
-    let n = views.len();
+    let (found, n, worst_m) = (away_m.len(), views.len(), away_m.iter().copied().fold(0.0, f64::max));
+    if found == 0 {
+        let right = "the robot unhidden, and places that are right to a centimetre or two, would be right";
+        return Err(Failure::job(format!("what was learnt finds the robot in none of the {n} pictures: {right}")));
+    }
     tracing::info!("found by it in {found} of {n} pictures, at most {worst_m:.3} m from the range that was given");
-    if found < n {
-        tracing::warn!(
-            "not found in {} of the pictures that it was learnt from: is it hidden there, or too near or far?",
-            n - found
-        );
+    Ok(())
+}
+
+/// How a file is written, by its name.
+fn format_of(path: &Path) -> Result<fn(&Marker) -> Result<String, Failure>, Failure> {
+    match path.extension().and_then(|e| e.to_str()) {
+        Some("toml") => Ok(|marker| toml::to_string(marker).map_err(Failure::job)),
+        Some("json") => Ok(as_json),
+        _ => Err(Failure::usage(format!("--out {}: a .toml or a .json file would be right", path.display()))),
     }
 }
 
-fn write(out: Option<&Path>, marker: &Marker) -> Result<(), Failure> {
-    let json = || serde_json::to_string_pretty(marker).map_err(Failure::job);
-    let Some(path) = out else {
-        writeln!(std::io::stdout().lock(), "{}", json()?)?;
-        return Ok(());
-    };
-    let text = match path.extension().and_then(|e| e.to_str()) {
-        Some("toml") => toml::to_string(marker).map_err(Failure::job)?,
-        Some("json") => json()?,
-        _ => return Err(Failure::usage(format!("--out {}: a .toml or a .json file would be right", path.display()))),
-    };
-    whole_file::replace(path, text.as_bytes(), whole_file::ORDINARY)
-        .map_err(|e| Failure::job(format!("cannot write {}: {e}", path.display())))
+fn as_json(marker: &Marker) -> Result<String, Failure> {
+    serde_json::to_string_pretty(marker).map_err(Failure::job)
 }
