@@ -109,10 +109,10 @@ fn sighted_bars(seed: u64, robots: &[(f64, f64, f64)], others: Vec<test_scene::P
         scene.pillars.extend(body);
     }
     let raw = scene.picture(2.0, seed);
-    let camera = MountedCamera::reference(test_scene::CAMERA_HEIGHT_M);
+    let camera = camera();
     let fellows = [coded("r2", 0.0), coded("r3", 2.0), (RobotId::new("r4").ok(), marker())];
     let mut detector = PeerDetector::for_team(&camera, grid(), &fellows);
-    assert_eq!((detector.finders.len(), detector.unsupported()), (1, &[][..]));
+    assert_eq!((detector.finders.len(), detector.unsupported()), (2, &[][..]));
     detector.detect(&raw, &test_scene::panorama(&raw))
 }
 
@@ -174,6 +174,45 @@ fn a_robot_half_hidden_by_a_person_keeps_its_free_outline() {
     assert_eq!(peers.len(), 1, "{peers:?}");
     let parts: Vec<_> = peers[0].features.iter().map(|f| f.part).collect();
     assert_eq!(parts, [FeaturePart::Right]);
+    assert_consistent(&peers[0], bearing, range);
+}
+
+#[test]
+fn a_robot_behind_a_box_is_found_by_what_shows_over_it() {
+    // What is below 0.2 m is behind the box: the lowest ring.
+    let (bearing, range, away) = (0.5_f64, 2.9, 1.8);
+    let low = test_scene::Pillar {
+        x_m: away * bearing.cos(),
+        y_m: away * bearing.sin(),
+        radius_m: 0.25,
+        height_m: [0.0, 0.3],
+        side: test_scene::Paint::Plain(0.4),
+        top: 0.5,
+    };
+    let peers = sighted(31, &[(bearing, range)], vec![low]);
+    assert_eq!(peers.len(), 1, "{peers:?}");
+    assert_consistent(&peers[0], bearing, range);
+}
+
+#[test]
+fn a_half_hidden_plain_robot_is_found_in_a_team_that_wears_bars() {
+    let (x, y) = (1.6_f64, 0.9_f64);
+    let (bearing, range) = (y.atan2(x), x.hypot(y));
+    // Before its left half.
+    let (b, d) = (bearing + 0.5 * (0.2 / range).asin() + 0.13, 1.0);
+    let post = test_scene::Pillar {
+        x_m: d * b.cos(),
+        y_m: d * b.sin(),
+        radius_m: 0.14,
+        height_m: [0.0, 1.6],
+        side: test_scene::Paint::Plain(0.45),
+        top: 0.3,
+    };
+    let mut others = test_scene::robot(x, y);
+    others.push(post);
+    let peers = sighted_bars(29, &[], others);
+    assert_eq!(peers.len(), 1, "{peers:?}");
+    assert_eq!((peers[0].robot, peers[0].heading_rad), (None, None));
     assert_consistent(&peers[0], bearing, range);
 }
 
