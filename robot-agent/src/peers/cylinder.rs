@@ -77,12 +77,11 @@ const PLAIN_PAINT: f64 = 0.03;
 const PLAIN_BLACK: f64 = 0.1;
 const PLAIN_BEND: f64 = 0.35;
 const PLAIN_ROUND_CHI2: f64 = 6.0;
-/// What of bodies without bars, in a team with bars, is wholly seen this far away correlates like this, and leaves no more unexplained:
-/// of 150 true ones two and none were beyond, of 14 false ones two and four.
+/// Bodies without bars, in a team with bars, that are wholly seen this far away correlate like this: of 150 true ones none was
+/// below, of 14 false ones two.
 const PLAIN_RANGE_M: std::ops::Range<f64> = 1.5..3.2;
 const WHOLLY_SEEN: f64 = 0.9;
 const LEAST_WITHOUT_BARS: f64 = 0.985;
-const WORST_WITHOUT_BARS: f64 = 2.5;
 /// Sigmas of the height, as mounting and fit leave it open.
 const PLAIN_HEIGHT: f64 = 2.0;
 /// Bars that are one robot's and nobody else's and fit like this need no outline: in 300 rooms without robots the two that were
@@ -420,7 +419,7 @@ impl CylinderFinder {
         let is_read = found.reading.as_ref().is_some_and(|r| r.bars.len() >= LEAST_READ_BARS && r.misfit < WORST_READ);
         let is_spelt = found.reading.as_ref().is_some_and(|r| r.is_certain && r.misfit < WORST_SPELT) && !rings.is_rim;
         let is_certain = is_spelt || seen > 0 && found.reading.as_ref().is_some_and(|r| r.is_certain);
-        // A body without bars correlates better than one with them, and shows nothing that has to be explained.
+        // A body without bars correlates better than one with them.
         let as_plain = found.reading.as_ref().filter(|r| look.patterns[r.pattern].bars.is_empty());
         let is_whole = rings.visible > WHOLLY_SEEN && PLAIN_RANGE_M.contains(&body.range_m);
         let correlation = match (is_certain, as_plain) {
@@ -428,7 +427,6 @@ impl CylinderFinder {
             (_, Some(_)) if is_whole && !rings.is_rim => doubt.correlation.max(LEAST_WITHOUT_BARS),
             _ => doubt.correlation,
         };
-        let is_odd = as_plain.is_some_and(|r| r.misfit > WORST_WITHOUT_BARS) && !is_plain;
         if rings.correlation < correlation
             || rings.paint_error(look) > doubt.paint
             || rings.black(look) > MOST_BLACK
@@ -442,7 +440,6 @@ impl CylinderFinder {
             || (rings.is_rim && rings.visible < if is_read { LEAST_READ_RIM } else { LEAST_RIM })
             // A striped box of which a corner is hidden bends, too.
             || (seen == 0 && (rings.visible < 0.5 || !(is_read || rings.edges_seen >= 2 && has_bars)) && !is_plain && !is_spelt)
-            || is_odd
             || (self.part == Part::Upper && !is_plain && !is_spelt)
             || body.range_m > FARTHEST_M
             || (seen < 2 && body.range_m > FARTHEST_ONE_SIDED_M && !is_certain)
