@@ -210,7 +210,7 @@ fn a_half_hidden_plain_robot_is_found_in_a_team_that_wears_bars() {
     };
     let mut others = test_scene::robot(x, y);
     others.push(post);
-    let peers = sighted_bars(29, &[], others);
+    let peers = sighted_bars(23, &[], others);
     assert_eq!(peers.len(), 1, "{peers:?}");
     assert_eq!((peers[0].robot, peers[0].heading_rad), (None, None));
     assert_consistent(&peers[0], bearing, range);
