@@ -34,7 +34,7 @@ pub enum Input {
     /// There will be no more frames, and that is all right (the end of a recording).
     CaptureEnded,
     /// A robot of the team says who it is and what it looks like. One's own comes back and is ignored.
-    Announcement(Announcement),
+    Announcement(Box<Announcement>),
     /// A leader says who is round the robot.
     Surroundings(Surroundings),
     /// A leader probes the clock; `now` of the call is the time of arrival.
@@ -51,7 +51,7 @@ pub enum Input {
 #[derive(Debug, Clone)]
 pub enum Output {
     /// Publish.
-    Announcement(Announcement),
+    Announcement(Box<Announcement>),
     /// Publish.
     Observation(Observation),
     /// Publish.

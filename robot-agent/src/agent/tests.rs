@@ -236,11 +236,11 @@ fn every_picture_can_be_had_before_and_after_the_first_frames() {
 fn another_session_under_the_own_name_is_told() {
     let mut agent = agent();
     let mut other = announcements(&handle(&mut agent, at(0.0), Input::Deadline)).remove(0);
-    let out = handle(&mut agent, at(0.1), Input::Announcement(other.clone()));
+    let out = handle(&mut agent, at(0.1), Input::Announcement(Box::new(other.clone())));
     assert!(notices_of(&out).is_empty(), "the own announcement comes back");
     other.epoch = 8;
     other.host = "elsewhere".to_owned();
-    let out = handle(&mut agent, at(0.2), Input::Announcement(other));
+    let out = handle(&mut agent, at(0.2), Input::Announcement(Box::new(other)));
     assert!(notices_of(&out)[0].contains("elsewhere"), "{:?}", notices_of(&out));
 }
 

@@ -163,7 +163,7 @@ impl Network {
                 },
                 Some(question) = link.questions.recv() => self.pass_on(question, &mut waiting),
                 Some(got) = link.announcements.recv() => {
-                    self.mailbox.put_event(got.arrived, Input::Announcement(got.message));
+                    self.mailbox.put_event(got.arrived, Input::Announcement(Box::new(got.message)));
                 }
                 Some(got) = link.surroundings.recv() => {
                     self.mailbox.put_event(got.arrived, Input::Surroundings(got.message));

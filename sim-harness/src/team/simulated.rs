@@ -212,7 +212,7 @@ impl Team {
 
     fn at_robot(&mut self, now: VirtualNs, index: usize, envelope: &[u8]) -> Result<(), TeamError> {
         let input = match claimed_kind(envelope) {
-            Some(Kind::Announcement) => decode(envelope).map(agent::Input::Announcement),
+            Some(Kind::Announcement) => decode(envelope).map(Box::new).map(agent::Input::Announcement),
             Some(Kind::Surroundings) => decode(envelope).map(agent::Input::Surroundings),
             Some(Kind::ClockProbe) => decode(envelope).map(|probe| agent::Input::ClockProbe(Token(now), probe)),
             _ => return Ok(()),
