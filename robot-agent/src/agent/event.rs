@@ -51,7 +51,7 @@ pub enum Input {
 #[derive(Debug, Clone)]
 pub enum Output {
     /// Publish.
-    Announcement(Box<Announcement>),
+    Announcement(Announcement),
     /// Publish.
     Observation(Observation),
     /// Publish.
