@@ -16,7 +16,6 @@ pub const MAX_QUESTIONS: usize = 64;
 
 /// One thing to do.
 #[derive(Debug)]
-#[expect(clippy::large_enum_variant, reason = "taken one at a time")]
 pub enum Item {
     /// A question or an event with the time of its arrival.
     Event(Timestamp, Input),
