@@ -53,7 +53,7 @@ struct Place {
 pub(super) fn execute(arguments: &Arguments) -> Result<(), Failure> {
     let camera = MountedCamera::load(&arguments.camera).map_err(Failure::usage)?;
     let (radius_m, height_m) = checked(arguments)?;
-    let format = arguments.out.as_deref().map(format_of).transpose()?;
+    let format = arguments.out.as_deref().map(Written::of).transpose()?;
     let places = load_places(&arguments.places, radius_m)?;
     let pictures = pictures(arguments, &camera, &places)?;
     let views: Vec<KnownView<'_>> = pictures
@@ -66,11 +66,11 @@ pub(super) fn execute(arguments: &Arguments) -> Result<(), Failure> {
     try_out(&camera, &views, &learnt.bearings_rad, &learnt.marker)?;
     match (&arguments.out, format) {
         (Some(path), Some(format)) => {
-            let text = format(&learnt.marker)?;
+            let text = format.text(&learnt.marker)?;
             whole_file::replace(path, text.as_bytes(), whole_file::ORDINARY)
                 .map_err(|e| Failure::job(format!("cannot write {}: {e}", path.display())))
         }
-        _ => Ok(writeln!(std::io::stdout().lock(), "{}", as_json(&learnt.marker)?)?),
+        _ => Ok(writeln!(std::io::stdout().lock(), "{}", Written::Json.text(&learnt.marker)?)?),
     }
 }
 
@@ -166,15 +166,26 @@ fn try_out(
     Ok(())
 }
 
-/// How a file is written, by its name.
-fn format_of(path: &Path) -> Result<fn(&Marker) -> Result<String, Failure>, Failure> {
-    match path.extension().and_then(|e| e.to_str()) {
-        Some("toml") => Ok(|marker| toml::to_string(marker).map_err(Failure::job)),
-        Some("json") => Ok(as_json),
-        _ => Err(Failure::usage(format!("--out {}: a .toml or a .json file would be right", path.display()))),
-    }
+/// How the marker is written, by the file's name.
+#[derive(Debug, Clone, Copy)]
+enum Written {
+    Toml,
+    Json,
 }
 
-fn as_json(marker: &Marker) -> Result<String, Failure> {
-    serde_json::to_string_pretty(marker).map_err(Failure::job)
+impl Written {
+    fn of(path: &Path) -> Result<Self, Failure> {
+        match path.extension().and_then(|e| e.to_str()) {
+            Some("toml") => Ok(Self::Toml),
+            Some("json") => Ok(Self::Json),
+            _ => Err(Failure::usage(format!("--out {}: a .toml or a .json file would be right", path.display()))),
+        }
+    }
+
+    fn text(self, marker: &Marker) -> Result<String, Failure> {
+        match self {
+            Self::Toml => toml::to_string(marker).map_err(Failure::job),
+            Self::Json => serde_json::to_string_pretty(marker).map_err(Failure::job),
+        }
+    }
 }
