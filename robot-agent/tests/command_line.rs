@@ -274,3 +274,31 @@ fn markers_of_peers_may_be_one_or_many_and_a_bad_one_is_named() {
     assert_fails(&peers(r#"{"robot":"R 2","kind":"cylinder","radius_m":0.2}"#), 2, &["marker 0"]);
     assert_fails(&peers(r#"[{"kind":"cylinder","radius":0.2}]"#), 2, &["markers.json", "marker 0", "radius"]);
 }
+
+#[test]
+fn what_cannot_be_learnt_from_is_named() {
+    let folder = folder();
+    image::GrayImage::new(768, 576).save(folder.path().join("dark.png")).unwrap();
+    let learn = |places: &str, more: &[&str]| {
+        std::fs::write(folder.path().join("places.json"), places).unwrap();
+        let asked = ["learn", "dark.png", "--camera", "camera.toml", "--places", "places.json", "--radius-m", "0.2"];
+        robot_agent(folder.path(), &[&asked, more].concat(), "")
+    };
+    let painted = ["--height-m", "0.1", "0.5"];
+    let one = r#"[{"bearing_deg": 10.0, "range_m": 1.8}]"#;
+    assert_fails(&learn("[]", &painted), 2, &["places.json", "empty array"]);
+    assert_fails(&learn(r#"[{"bearing": 1.0}]"#, &painted), 2, &["places.json", "bearing"]);
+    assert_fails(
+        &learn(r#"[{"bearing_deg": 10.0, "range_m": 0.1}]"#, &painted),
+        2,
+        &["place 0", "0.1 m", "0.22 to 20 m"],
+    );
+    assert_fails(&learn(&format!("[{0},{0}]", &one[1..one.len() - 1]), &painted), 2, &["2 places for 1 pictures"]);
+    assert_fails(&learn(one, &["--height-m", "0.5", "0.1"]), 2, &["--height-m", "0.05 or more above"]);
+    assert_fails(
+        &learn(one, &["--height-m", "0.1", "0.5", "--out", "marker.yaml"]),
+        2,
+        &["marker.yaml", ".toml or a .json"],
+    );
+    assert_fails(&learn(one, &painted), 1, &["dark.png", "no rings"]);
+}

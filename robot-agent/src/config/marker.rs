@@ -111,6 +111,16 @@ mod tests {
         assert!(message.contains("rings up to 0.4 m") && message.contains("at 0.5 m"), "{message}");
         write("kind = 'cylinder'\nradius_m = 0.2\n[look]\nrings = [{ height_m = [0.1, 0.5], reflectance = 90.0 }]\n");
         assert!(read(folder.path()).unwrap_err().to_string().contains("0 (black) to 1 (white)"));
+        for (beacon, wrong) in [
+            ("height_mm = 540, code = '1111', bit_ms = 200", "never changes"),
+            ("height_mm = 540, code = '10x0', bit_ms = 200", "else than 0 and 1"),
+            ("height_mm = 540, code = '101', bit_ms = 200", "code (its length) is 3"),
+            ("height_mm = 540, code = '1010', bit_ms = 5", "bit_ms is 5"),
+        ] {
+            write(&format!("kind = 'cylinder'\nradius_m = 0.2\nlook = {{ rings = [], beacon = {{ {beacon} }} }}\n"));
+            let message = read(folder.path()).unwrap_err().to_string();
+            assert!(message.contains("look.beacon") && message.contains(wrong), "{message}");
+        }
     }
 
     #[test]
