@@ -9,6 +9,7 @@
 //! hides its sector for the candidates behind it.
 
 mod confirm;
+mod credible;
 
 use nalgebra::{Matrix2, Matrix2x3, Matrix3};
 
@@ -37,26 +38,8 @@ const LEAST_CORRELATION: f64 = 0.93;
 const BLUR_PX: [f64; 2] = [0.45, 1.35];
 /// Most RMS difference of the fitted reflectances from the announced ones.
 const WORST_PAINT: f64 = 0.12;
-/// What the rings must reach, by the number of outlines that confirm them: fewer outlines, less doubt. A fitted robot has a
-/// correlation of 0.99 and a paint error of 0.02; shelves and chair legs stay below 0.97 and above 0.05.
-const DOUBT: [Doubt; 3] = [
-    Doubt { correlation: 0.98, paint: 0.06, bend: 0.25 },
-    Doubt { correlation: 0.97, paint: 0.07, bend: 0.35 },
-    Doubt { correlation: 0.95, paint: 0.09, bend: 0.45 },
-];
-/// Black paint is nearly black: gray level of black over white's less black's.
-const MOST_BLACK: f64 = 0.3;
-/// Beyond, a body of 0.2 m is 14 pixels wide and much looks like it, metres.
-const FARTHEST_M: f64 = 6.2;
-/// Beyond, the corner of a striped box bends as a cylinder does: both outlines must be there, metres.
-const FARTHEST_ONE_SIDED_M: f64 = 4.0;
 /// The rings bend as a cylinder's to within this share, beside noise.
 const BEND_GATE: f64 = 0.1;
-
-/// A flat board bends by −1: nothing is a cylinder that is nearer to it than this.
-const FLATTEST: f64 = -0.6;
-/// A flat board must fit worse than a cylinder by this much χ², by the number of outlines.
-const ROUND_CHI2: [f64; 3] = [9.0, 9.0, 4.0];
 
 /// Least contrast of full reflectance over the residual noise.
 const LEAST_CONTRAST: f64 = 6.0;
@@ -70,39 +53,10 @@ const WORST_EDGE_PX: f64 = 0.5;
 const STRONG_SUPPORT: f64 = 0.55;
 const NEAR_M: f64 = 2.2;
 const RETRY_RANGES: [f64; 4] = [0.95, 1.05, 0.9, 1.1];
-/// Rings beyond all doubt: see [`CylinderFinder::is_plain`].
-const PLAIN_M: f64 = 3.2;
-const PLAIN_CORRELATION: f64 = 0.9975;
-const PLAIN_PAINT: f64 = 0.03;
-const PLAIN_BLACK: f64 = 0.1;
-const PLAIN_BEND: f64 = 0.35;
-const PLAIN_ROUND_CHI2: f64 = 6.0;
-/// Bodies without bars, in a team with bars, that are wholly seen this far away correlate like this: of 150 true ones none was
-/// below, of 14 false ones two.
-const PLAIN_RANGE_M: std::ops::Range<f64> = 1.5..3.2;
-const WHOLLY_SEEN: f64 = 0.9;
-const LEAST_WITHOUT_BARS: f64 = 0.985;
-/// Sigmas of the height, as mounting and fit leave it open.
-const PLAIN_HEIGHT: f64 = 2.0;
-/// Bars that are one robot's and nobody else's and fit like this need no outline: in 300 rooms without robots the two that were
-/// certain fitted with 1.7 and 2.4.
-const WORST_SPELT: f64 = 1.2;
 /// A candidate beside a body is the same one up to this ratio of their ranges.
 const SAME_RANGE: f64 = 1.4;
 /// A candidate's range is right to this share.
 const RANGE_SLACK: f64 = 1.05;
-/// Share of the columns in which the upper end must be where the curve says: of 30 true bodies the least was 0.93, what else was
-/// fitted reached 0.8.
-const LEAST_RIM: f64 = 0.85;
-/// The same where bars are read: so many, each column no worse than this.
-const LEAST_READ_RIM: f64 = 0.7;
-const LEAST_READ_BARS: usize = 3;
-const WORST_READ: f64 = 1.5;
-/// How far the only outline may be from where rings put it, pixels, and how many sigmas beyond [`BEND_GATE`] their bend may be.
-const LONE_WAY_PX: f64 = 0.8;
-const LONE_BEND: f64 = 2.5;
-/// With less than two outlines and this share of the columns it must be clear which bars they show.
-const LEAST_UNCLEAR: f64 = 0.7;
 /// A lone outline has nothing to contradict it: it may be half somebody else's. Pixels, beside noise and floor.
 const LONE_EDGE_PX: f64 = 0.2;
 /// What is added on a body with bars: light and the bars next to the outline are hard to tell apart there. From 40 rooms: 0.25 px
@@ -135,14 +89,6 @@ pub enum Part {
     Whole,
     /// What shows over something that stands before it.
     Upper,
-}
-
-/// Limits of a verdict.
-struct Doubt {
-    correlation: f64,
-    paint: f64,
-    /// Largest standard deviation of the bend: the test must have had a chance to fail.
-    bend: f64,
 }
 
 struct Found {
@@ -363,21 +309,6 @@ impl CylinderFinder {
             && rings.bend[0].abs() <= BEND_GATE + 3.5 * rings.bend[1]
     }
 
-    /// Whether the rings are there beyond all doubt, whatever is before them and whatever bars they show. In 300 rooms without robots
-    /// nothing nearer than 3.2 m correlated better than 0.9952 with them.
-    fn is_plain(&self, rings: &RingFit, camera: &MountedCamera) -> bool {
-        let [bend, sigma] = rings.bend;
-        !rings.is_rim
-            && rings.near_m < PLAIN_M
-            && rings.correlation >= PLAIN_CORRELATION
-            && rings.paint_error(&self.look) <= PLAIN_PAINT
-            && rings.black(&self.look) <= PLAIN_BLACK
-            && sigma <= PLAIN_BEND
-            && bend.abs() <= BEND_GATE + 2.0 * sigma
-            && is_round(rings, PLAIN_ROUND_CHI2)
-            && rings.lower_m.abs() <= PLAIN_HEIGHT * height_sigma_m(rings, camera)
-    }
-
     /// An outline that lies where the rings put it, in columns that show the rings.
     fn outline(&self, samples: &[Sample], rings: &RingFit, bars: Option<&Reading>, side: Side) -> Option<EdgeFit> {
         let measured: Vec<bool> =
@@ -411,42 +342,8 @@ impl CylinderFinder {
         let body = rings.cylinder(look.radius_m);
         let half = body.outline_rad;
         let seen = usize::from(found.left.is_some()) + usize::from(found.right.is_some());
-        let doubt = &DOUBT[seen];
-        // Bars from side to side are as good as outlines.
         let has_bars = found.reading.as_ref().is_some_and(|r| !r.bars.is_empty());
-        let is_unclear = look.is_barred() && found.reading.as_ref().is_none_or(|r| !r.is_named);
-        let is_plain = self.is_plain(rings, camera);
-        let is_read = found.reading.as_ref().is_some_and(|r| r.bars.len() >= LEAST_READ_BARS && r.misfit < WORST_READ);
-        let is_spelt = found.reading.as_ref().is_some_and(|r| r.is_certain && r.misfit < WORST_SPELT) && !rings.is_rim;
-        let is_certain = is_spelt || seen > 0 && found.reading.as_ref().is_some_and(|r| r.is_certain);
-        // A body without bars correlates better than one with them.
-        let as_plain = found.reading.as_ref().filter(|r| look.patterns[r.pattern].bars.is_empty());
-        let is_whole = rings.visible > WHOLLY_SEEN && PLAIN_RANGE_M.contains(&body.range_m);
-        let correlation = match (is_certain, as_plain) {
-            (true, _) => LEAST_CORRELATION,
-            (_, Some(_)) if is_whole && !rings.is_rim => doubt.correlation.max(LEAST_WITHOUT_BARS),
-            _ => doubt.correlation,
-        };
-        if rings.correlation < correlation
-            || rings.paint_error(look) > doubt.paint
-            || rings.black(look) > MOST_BLACK
-            || (rings.bend[1] > doubt.bend && !is_certain)
-            || (!is_round(rings, ROUND_CHI2[seen]) && !is_certain)
-            || (seen < 2 && rings.visible < LEAST_UNCLEAR && is_unclear && !is_plain)
-            || (rings.bend[0] < FLATTEST && !is_certain)
-            // Soon a ring edge is in view, too: a curve with one outline is something else.
-            || (rings.is_rim && seen < 2 && !is_read && body.range_m > self.reach.one_edge_m / RANGE_SLACK)
-            || (rings.is_rim && is_unclear && body.range_m > self.reach.one_edge_m / RANGE_SLACK)
-            || (rings.is_rim && rings.visible < if is_read { LEAST_READ_RIM } else { LEAST_RIM })
-            // A striped box of which a corner is hidden bends, too.
-            || (seen == 0 && (rings.visible < 0.5 || !(is_read || rings.edges_seen >= 2 && has_bars)) && !is_plain && !is_spelt)
-            || (self.part == Part::Upper && !is_plain && !is_spelt)
-            || body.range_m > FARTHEST_M
-            || (seen < 2 && body.range_m > FARTHEST_ONE_SIDED_M && !is_certain)
-        {
-            return None;
-        }
-        if seen == 1 && !has_bars && !is_trusty(rings, found.left.or(found.right)) {
+        if !self.is_credible(camera, found) {
             return None;
         }
         let edge = |fit: &Option<EdgeFit>, sign: f64| {
@@ -575,18 +472,6 @@ impl CylinderFinder {
 fn height_sigma_m(rings: &RingFit, camera: &MountedCamera) -> f64 {
     let mount = mount(camera);
     mount.height_sigma_m.hypot(mount.tilt_sigma_rad * rings.near_m).hypot(rings.covariance[2][2].sqrt())
-}
-
-/// Whether the only outline is where the rings put it, and they bend as they should: a box's corner nearly does.
-fn is_trusty(rings: &RingFit, outline: Option<EdgeFit>) -> bool {
-    outline.is_some_and(|fit| (fit.outwards_rad * fit.px_per_rad).abs() < LONE_WAY_PX)
-        && rings.bend[0].abs() <= BEND_GATE + LONE_BEND * rings.bend[1]
-}
-
-/// Whether the rings bend as a cylinder's much rather than as a flat board's, which a single outline would not tell.
-fn is_round(rings: &RingFit, chi2: f64) -> bool {
-    let variance = rings.bend[1].powi(2) + BEND_GATE.powi(2) / 4.0;
-    (rings.bend[0] + 1.0).powi(2) - rings.bend[0].powi(2) > chi2 * variance || rings.edges_seen < 2
 }
 
 fn mount(camera: &MountedCamera) -> Mount {
