@@ -285,7 +285,7 @@ fn what_cannot_be_learnt_from_is_named() {
         robot_agent(folder.path(), &[&asked, more].concat(), "")
     };
     let painted = ["--height-m", "0.1", "0.5"];
-    let one = r#"[{"bearing_deg": 10.0, "range_m": 1.8}]"#;
+    let one = r#"[{"bearing_deg": 10.0, "range_m": 2.5}]"#;
     assert_fails(&learn("[]", &painted), 2, &["places.json", "empty array"]);
     assert_fails(&learn(r#"[{"bearing": 1.0}]"#, &painted), 2, &["places.json", "bearing"]);
     assert_fails(

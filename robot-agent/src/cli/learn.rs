@@ -26,7 +26,7 @@ pub(super) struct Arguments {
     /// The camera file (camera.toml).
     #[arg(long, value_name = "FILE")]
     camera: PathBuf,
-    /// Where the robot is in the pictures: a JSON array with one object a picture, in order: {"bearing_deg": 12.0, "range_m": 1.8}
+    /// Where the robot is in the pictures: a JSON array with one object a picture, in order: {"bearing_deg": 12.0, "range_m": 2.4}
     /// as this camera's robot has it, to the axis; one object if it stands still. To a centimetre or two.
     #[arg(long, value_name = "FILE")]
     places: PathBuf,

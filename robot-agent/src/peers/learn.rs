@@ -67,7 +67,7 @@ pub enum LearnError {
     /// The painted part is not in the pictures, or the place is wrong.
     #[error(
         "only {pixels} pixels show heights from {:.2} to {:.2} m at the places given, and {:.0} % of these heights are seen; pictures \
-         from further away would be right (1 to 3 m), all of the painted part in view",
+         from further away would be right (2 to 3 m), all of the painted part in view",
         height_m[0], height_m[1], 100.0 * seen
     )]
     OutOfView {
