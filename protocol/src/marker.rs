@@ -102,12 +102,14 @@ pub struct Beacon {
     pub height_mm: u16,
     /// Lit (1) and dark (0) one after the other: 4 … 32 of them, of both kinds.
     pub code: String,
-    /// How long each is, milliseconds, 20 … 2000. At least two frames of those who look, to be read soon.
+    /// How long each is, milliseconds, 20 … 2000, the whole code at most 8 s. At least two frames of those who look.
     pub bit_ms: u16,
 }
 
-/// Least and most bits of a beacon's code.
+/// Least and most bits of a beacon's code, and its longest cycle, seconds.
 pub const BEACON_BITS: [usize; 2] = [4, 32];
+/// See [`BEACON_BITS`].
+pub const MAX_BEACON_CYCLE_S: f64 = 8.0;
 
 impl Beacon {
     /// Lit or dark, in order.
@@ -126,6 +128,12 @@ impl Beacon {
         check::in_range("marker.look.beacon.bit_ms", f64::from(self.bit_ms), 20.0, 2000.0)?;
         let (least, most) = (BEACON_BITS[0] as f64, BEACON_BITS[1] as f64);
         check::in_range("marker.look.beacon.code (its length)", self.code.len() as f64, least, most)?;
+        check::in_range(
+            "marker.look.beacon.bit_ms (times the code's length, s)",
+            self.cycle_s(),
+            0.0,
+            MAX_BEACON_CYCLE_S,
+        )?;
         let legal = self.code.bytes().all(|bit| matches!(bit, b'0' | b'1'));
         check::consistent(legal, "marker.look.beacon.code", "has something else than 0 and 1")?;
         let blinks = self.bits().any(|lit| lit) && self.bits().any(|lit| !lit);

@@ -116,6 +116,7 @@ mod tests {
             ("height_mm = 540, code = '10x0', bit_ms = 200", "else than 0 and 1"),
             ("height_mm = 540, code = '101', bit_ms = 200", "code (its length) is 3"),
             ("height_mm = 540, code = '1010', bit_ms = 5", "bit_ms is 5"),
+            ("height_mm = 540, code = '10100', bit_ms = 2000", "is 10; legal is 0 to 8"),
         ] {
             write(&format!("kind = 'cylinder'\nradius_m = 0.2\nlook = {{ rings = [], beacon = {{ {beacon} }} }}\n"));
             let message = read(folder.path()).unwrap_err().to_string();

@@ -24,7 +24,9 @@ use crate::optics::MountedCamera;
 pub const MAX_BEACONS: usize = 64;
 /// Most fellows that are followed, and most readings of each.
 const MAX_WATCHED: usize = 16;
-const MAX_READINGS: usize = 160;
+const MAX_READINGS: usize = 512;
+/// A code is laid beside the readings so often, seconds: of who has no name, and of who has one.
+const DECIDED_EVERY_S: [f64; 2] = [0.25, 1.0];
 /// The same fellow a frame later: radians, and a part of the range; and for how long he may be out of sight, seconds.
 const NEAR: [f64; 2] = [0.15, 0.2];
 const FORGET_S: f64 = 1.0;
@@ -74,6 +76,7 @@ struct Watched {
     /// When, and how bright the lamp's place was for each height of a lamp.
     readings: VecDeque<(Timestamp, Vec<f64>)>,
     name: Option<(RobotId, Timestamp)>,
+    decided: Timestamp,
 }
 
 /// How well a code explains what was read.
@@ -156,7 +159,8 @@ impl BeaconReader {
             Some(n) => n,
             None if self.watched.len() < MAX_WATCHED => {
                 let readings = VecDeque::new();
-                self.watched.push(Watched { bearing_rad: 0.0, range_m: 0.0, readings, name: None });
+                let decided = Timestamp::default();
+                self.watched.push(Watched { bearing_rad: 0.0, range_m: 0.0, readings, name: None, decided });
                 self.watched.len() - 1
             }
             None => return None,
@@ -167,8 +171,11 @@ impl BeaconReader {
             watched.readings.pop_front();
         }
         watched.readings.push_back((capture, seen));
-        if let Some(robot) = decided(&self.lamps, peer.kind, &watched.readings) {
-            watched.name = Some((robot, capture));
+        let every_s = DECIDED_EVERY_S[usize::from(watched.name.is_some())];
+        if capture.seconds_since(watched.decided).abs() >= every_s {
+            watched.decided = capture;
+            let robot = decided(&self.lamps, peer.kind, &watched.readings);
+            watched.name = robot.map(|robot| (robot, capture)).or(watched.name);
         }
         watched.name = watched.name.filter(|(_, at)| capture.seconds_since(*at) < HOLDS_S);
         watched.name.map(|(robot, _)| robot)
@@ -266,6 +273,8 @@ fn brightness(camera: &MountedCamera, raw: &[u8], peer: &Peer, height_m: f64) ->
 
 #[cfg(test)]
 mod tests {
+    use std::f64::consts::TAU;
+
     use protocol::marker::Look;
 
     use super::*;
@@ -357,6 +366,4 @@ mod tests {
         let told = names(&mut alike, 40, blinks("1101000", 0.2, 0.0));
         assert!(told.iter().all(Option::is_none), "{told:?}");
     }
-
-    use std::f64::consts::TAU;
 }
