@@ -64,6 +64,7 @@ struct Lamp {
     kind: u8,
     bits: Vec<bool>,
     bit_s: f64,
+    cycle_s: f64,
     /// Place in the list of heights.
     height: usize,
 }
@@ -112,7 +113,8 @@ impl BeaconReader {
             Marker::Rectangle { .. } => 2,
         };
         let bit_s = 1e-3 * f64::from(beacon.bit_ms);
-        self.lamps.push(Lamp { robot, kind, bits: beacon.bits().collect(), bit_s, height });
+        let (bits, cycle_s) = (beacon.bits().collect(), beacon.cycle_s());
+        self.lamps.push(Lamp { robot, kind, bits, bit_s, cycle_s, height });
     }
 
     /// Pairs of robots whose codes are the same but for where they begin: neither can be told from the other.
@@ -189,10 +191,6 @@ impl Lamp {
         self.kind == other.kind && self.bit_s == other.bit_s && n == other.bits.len() && (0..n).any(turned)
     }
 
-    fn cycle_s(&self) -> f64 {
-        self.bit_s * self.bits.len() as f64
-    }
-
     /// Whether it is lit so long after its code began; `None` where it may be either.
     fn is_lit(&self, at_s: f64) -> Option<bool> {
         let (bit, n) = (at_s / self.bit_s, self.bits.len());
@@ -203,8 +201,8 @@ impl Lamp {
     /// The best that its code can be laid beside the last readings (seconds, brightness).
     fn fit(&self, readings: &[(f64, f64)]) -> Option<Fit> {
         let last_s = readings.last()?.0;
-        let used: Vec<&(f64, f64)> = readings.iter().filter(|(t, _)| last_s - t < CYCLES * self.cycle_s()).collect();
-        if used.first().is_none_or(|first| last_s - first.0 < self.cycle_s()) {
+        let used: Vec<&(f64, f64)> = readings.iter().filter(|(t, _)| last_s - t < CYCLES * self.cycle_s).collect();
+        if used.first().is_none_or(|first| last_s - first.0 < self.cycle_s) {
             return None;
         }
         let phases = self.bits.len() * PHASES;

@@ -98,6 +98,18 @@ struct Found {
     right: Option<EdgeFit>,
 }
 
+impl Found {
+    /// How many outlines are seen: 0, 1 or 2.
+    fn outlines(&self) -> usize {
+        usize::from(self.left.is_some()) + usize::from(self.right.is_some())
+    }
+
+    /// Whether bars are measured by themselves.
+    fn has_bars(&self) -> bool {
+        self.reading.as_ref().is_some_and(|reading| !reading.bars.is_empty())
+    }
+}
+
 impl CylinderFinder {
     /// Prepares the search for one look.
     pub fn new(camera: &MountedCamera, grid: Grid, look: CylinderLook, part: Part) -> Self {
@@ -341,8 +353,7 @@ impl CylinderFinder {
         let look = &self.look;
         let body = rings.cylinder(look.radius_m);
         let half = body.outline_rad;
-        let seen = usize::from(found.left.is_some()) + usize::from(found.right.is_some());
-        let has_bars = found.reading.as_ref().is_some_and(|r| !r.bars.is_empty());
+        let (seen, has_bars) = (found.outlines(), found.has_bars());
         if !self.is_credible(camera, found) {
             return None;
         }

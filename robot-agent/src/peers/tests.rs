@@ -157,19 +157,18 @@ fn a_room_with_people_in_striped_clothes_and_no_robot_has_no_peer() {
     assert_eq!(sighted(9, &[], others), vec![]);
 }
 
+/// Something round that stands on the floor at (bearing, distance).
+fn post((bearing, away): (f64, f64), radius_m: f64, high_m: f64, side: test_scene::Paint) -> test_scene::Pillar {
+    let (x_m, y_m) = (away * bearing.cos(), away * bearing.sin());
+    test_scene::Pillar { x_m, y_m, radius_m, height_m: [0.0, high_m], side, top: 0.3 }
+}
+
 #[test]
 fn a_robot_half_hidden_by_a_person_keeps_its_free_outline() {
     let (bearing, range) = (0.8_f64, 3.0_f64);
     let half = (0.2 / range).asin();
     let (b, d) = (bearing + half, 1.8);
-    let post = test_scene::Pillar {
-        x_m: d * b.cos(),
-        y_m: d * b.sin(),
-        radius_m: 0.08,
-        height_m: [0.0, 1.6],
-        side: test_scene::Paint::Texture(3, 0.4, 0.4, 15.0),
-        top: 0.3,
-    };
+    let post = post((b, d), 0.08, 1.6, test_scene::Paint::Texture(3, 0.4, 0.4, 15.0));
     let peers = sighted(11, &[(bearing, range)], vec![post]);
     assert_eq!(peers.len(), 1, "{peers:?}");
     let parts: Vec<_> = peers[0].features.iter().map(|f| f.part).collect();
@@ -181,14 +180,8 @@ fn a_robot_half_hidden_by_a_person_keeps_its_free_outline() {
 fn a_robot_behind_a_box_is_found_by_what_shows_over_it() {
     // What is below 0.2 m is behind the box: the lowest ring.
     let (bearing, range, away) = (0.5_f64, 2.9, 1.8);
-    let low = test_scene::Pillar {
-        x_m: away * bearing.cos(),
-        y_m: away * bearing.sin(),
-        radius_m: 0.25,
-        height_m: [0.0, 0.3],
-        side: test_scene::Paint::Plain(0.4),
-        top: 0.5,
-    };
+    let low = post((bearing, away), 0.25, 0.3, test_scene::Paint::Plain(0.4));
+    let low = test_scene::Pillar { top: 0.5, ..low };
     let peers = sighted(31, &[(bearing, range)], vec![low]);
     assert_eq!(peers.len(), 1, "{peers:?}");
     assert_consistent(&peers[0], bearing, range);
@@ -200,16 +193,8 @@ fn a_half_hidden_plain_robot_is_found_in_a_team_that_wears_bars() {
     let (bearing, range) = (y.atan2(x), x.hypot(y));
     // Before its left half.
     let (b, d) = (bearing + (0.2 / range).asin(), 1.2);
-    let post = test_scene::Pillar {
-        x_m: d * b.cos(),
-        y_m: d * b.sin(),
-        radius_m: 0.1,
-        height_m: [0.0, 1.6],
-        side: test_scene::Paint::Plain(0.45),
-        top: 0.3,
-    };
     let mut others = test_scene::robot(x, y);
-    others.push(post);
+    others.push(post((b, d), 0.1, 1.6, test_scene::Paint::Plain(0.45)));
     let peers = sighted_bars(23, &[], others);
     assert_eq!(peers.len(), 1, "{peers:?}");
     assert_eq!((peers[0].robot, peers[0].heading_rad), (None, None));

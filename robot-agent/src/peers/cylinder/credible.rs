@@ -72,11 +72,10 @@ impl CylinderFinder {
     pub(super) fn is_credible(&self, camera: &MountedCamera, found: &Found) -> bool {
         let (look, rings) = (&self.look, &found.rings);
         let range_m = rings.near_m + look.radius_m;
-        let seen = usize::from(found.left.is_some()) + usize::from(found.right.is_some());
+        // Bars from side to side are as good as outlines.
+        let (seen, has_bars) = (found.outlines(), found.has_bars());
         let doubt = &DOUBT[seen];
         let reading = found.reading.as_ref();
-        // Bars from side to side are as good as outlines.
-        let has_bars = reading.is_some_and(|r| !r.bars.is_empty());
         let is_unclear = look.is_barred() && reading.is_none_or(|r| !r.is_named);
         let is_read = reading.is_some_and(|r| r.bars.len() >= LEAST_READ_BARS && r.misfit < WORST_READ);
         let is_spelt = reading.is_some_and(|r| r.is_certain && r.misfit < WORST_SPELT)
