@@ -50,6 +50,9 @@ const SEARCH_EVERY: u64 = 5;
 /// A known peer that was not seen for so many frames is forgotten.
 const FORGET_AFTER: u64 = 5;
 
+/// Nearer to each other than this share of their widths two bodies are one.
+const SAME_BODY: f64 = 0.85;
+
 /// Why a marker cannot be looked for.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum PeerError {
@@ -294,9 +297,12 @@ fn without_doubles(mut found: Vec<Find>) -> Vec<Peer> {
         let is_taken = |other: &Find| {
             let apart = difference(other.peer.bearing_rad, find.peer.bearing_rad).abs();
             let (a, b) = (other.peer.range_m, find.peer.range_m);
+            let floor_m = (a * a + b * b - 2.0 * a * b * apart.cos()).max(0.0).sqrt();
+            // Two bodies are not in one place; one that hides the other may seem nearer or farther than it is.
+            let is_before = apart * a.min(b) < 0.8 * other.half_m.max(find.half_m)
+                && (a - b).abs() < 0.05 * a + 0.6 * (other.half_m + find.half_m);
             other.peer.kind.max(1) != find.peer.kind.max(1)
-                && apart * a.min(b) < 0.8 * other.half_m.max(find.half_m)
-                && (a - b).abs() < 0.05 * a + 0.6 * (other.half_m + find.half_m)
+                && (is_before || floor_m < SAME_BODY * (other.half_m + find.half_m))
         };
         if !kept.iter().any(is_taken) {
             kept.push(find);

@@ -57,6 +57,8 @@ const RETRY_RANGES: [f64; 4] = [0.95, 1.05, 0.9, 1.1];
 const SAME_RANGE: f64 = 1.4;
 /// A candidate's range is right to this share.
 const RANGE_SLACK: f64 = 1.05;
+/// An edge that is as near to a body before it is that one's, radians.
+const BESIDE_RAD: f64 = 0.01;
 /// A lone outline has nothing to contradict it: it may be half somebody else's. Pixels, beside noise and floor.
 const LONE_EDGE_PX: f64 = 0.2;
 /// What is added on a body with bars: light and the bars next to the outline are hard to tell apart there. From 40 rooms: 0.25 px
@@ -169,7 +171,7 @@ impl CylinderFinder {
                 continue;
             }
             let Some(found) = self.look_closer(camera, rays, raw, candidate, &hidden) else { continue };
-            let Some(peer) = self.verdict(camera, &found, &hidden) else { continue };
+            let Some(peer) = self.verdict(camera, &found) else { continue };
             if before.iter().any(|find| overlap(&find.peer, &peer, &self.look)) {
                 continue;
             }
@@ -283,15 +285,24 @@ impl CylinderFinder {
             true => {
                 let hidden: Vec<[f64; 2]> = hidden.iter().copied().chain(Self::hidden_sides(&rings)).collect();
                 let reading = bars::read(samples, &self.look, &rings, &hidden);
-                if reading.is_none() && !self.is_plain(&rings, camera) {
+                // Near at hand one ring alone is in view, which may say nothing of bars.
+                let is_round = rings.is_rim && rings.visible >= credible::LEAST_LONE_RIM;
+                if reading.is_none() && !is_round && !self.is_plain(&rings, camera) {
                     return None;
                 }
                 reading
             }
             false => None,
         };
-        let left = self.outline(samples, &rings, reading.as_ref(), Side::Left);
-        let right = self.outline(samples, &rings, reading.as_ref(), Side::Right);
+        let half = rings.cylinder(self.look.radius_m).outline_rad;
+        let outline = |side, sign: f64| {
+            self.outline(samples, &rings, reading.as_ref(), side).filter(|fit| {
+                // Beside a nearer robot the edge is the other's.
+                let at = rings.bearing_rad + sign * (half + fit.outwards_rad);
+                !hidden.iter().any(|s| inside(*s, at) || inside(*s, at + sign * BESIDE_RAD))
+            })
+        };
+        let (left, right) = (outline(Side::Left, 1.0), outline(Side::Right, -1.0));
         let reading = reading.map(|r| self.confirmed(samples, &rings, hidden, r, [left.is_some(), right.is_some()]));
         Some(Found { rings, reading, left, right })
     }
@@ -347,7 +358,7 @@ impl CylinderFinder {
         fine.then_some(fit)
     }
 
-    fn verdict(&self, camera: &MountedCamera, found: &Found, hidden: &[[f64; 2]]) -> Option<Peer> {
+    fn verdict(&self, camera: &MountedCamera, found: &Found) -> Option<Peer> {
         let rings = &found.rings;
         let mount = mount(camera);
         let look = &self.look;
@@ -367,15 +378,6 @@ impl CylinderFinder {
             })
         };
         let (left, right) = (edge(&found.left, 1.0), edge(&found.right, -1.0));
-        for (edge, side) in [(&left, 1.0), (&right, -1.0)] {
-            if let Some((bearing, ..)) = edge {
-                // Beside a nearer robot the edge is the other's.
-                let just_outside = bearing + side * 0.01;
-                if hidden.iter().any(|s| inside(*s, *bearing) || inside(*s, just_outside)) {
-                    return None;
-                }
-            }
-        }
         let (elevation_rad, elevation_covariance, elevation_floor) = self.elevations(camera, rings, mount.height_m);
         let floor2 = elevation_floor * elevation_floor;
         let evidence = Evidence {

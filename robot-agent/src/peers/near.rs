@@ -299,7 +299,7 @@ pub fn fit(samples: &[Sample], look: &CylinderLook, height_m: f64, start: (f64, 
             let sine = (range * aside.sin() / look.radius_m).clamp(-1.0, 1.0);
             rise.atan2(range * aside.cos() - look.radius_m * (1.0 - sine * sine).sqrt())
         };
-        let (mut h, mut g, mut chi2, mut rms2) = (Matrix2::zeros(), Vector2::zeros(), 0.0, 0.0);
+        let (mut h, mut g, mut chi2, mut rms2, mut weights) = (Matrix2::zeros(), Vector2::zeros(), 0.0, 0.0, 0.0);
         for c in &agreeing {
             let at = bearing + c.aside_rad;
             let here = elevation(bearing, range, at);
@@ -312,8 +312,9 @@ pub fn fit(samples: &[Sample], look: &CylinderLook, height_m: f64, start: (f64, 
             h += weight * row * row.transpose();
             g += weight * row * c.higher_px;
             chi2 += weight * c.higher_px * c.higher_px;
-            // What the sensor's noise has in it is no fault of the curve.
-            rms2 += c.higher_px * c.higher_px - c.variance_px2;
+            // What the sensor's noise has in it is no fault of the curve; where the contrast is low there is much.
+            rms2 += weight * (c.higher_px * c.higher_px - c.variance_px2);
+            weights += weight;
         }
         let inverse = h.try_inverse()?;
         let delta = inverse * g;
@@ -328,7 +329,7 @@ pub fn fit(samples: &[Sample], look: &CylinderLook, height_m: f64, start: (f64, 
         let inflate = (chi2 / (n - 2.0).max(1.0)).max(1.0);
         fitted = Some((
             inverse * inflate,
-            (rms2 / n).max(0.0).sqrt(),
+            (rms2 / weights).max(0.0).sqrt(),
             n / asked as f64,
             median(&mut noises),
             median(&mut sizes),

@@ -26,7 +26,7 @@ use super::{Find, Peer, PeerFeature};
 use crate::optics::MountedCamera;
 use ends::side_sigma;
 use plane::{Plane, PlaneFit};
-use rim::RimSearch;
+use rim::{RimSearch, SideShown};
 use search::{PlateCandidate, PlateSearch};
 
 /// Turns of a known plate that the fit starts from, radians; of one that was searched for, beside the turn that was found.
@@ -79,6 +79,21 @@ struct Posed {
     left: (f64, EdgeFit),
     /// Another pair of sides is as good: the covariance covers both, the sides are nobody's.
     is_torn: bool,
+    /// Front and back are told apart.
+    has_heading: bool,
+}
+
+impl Posed {
+    /// Midway between two answers of which either may be right; the covariance covers both.
+    fn or_as_likely(mut self, other: &Self) -> Self {
+        let mut apart = other.pose - self.pose;
+        apart[2] = difference(other.pose[2], self.pose[2]);
+        self.pose += 0.5 * apart;
+        self.covariance = 0.5 * (self.covariance + other.covariance) + 0.25 * apart * apart.transpose();
+        self.chi2 = self.chi2.max(other.chi2);
+        self.is_torn = true;
+        self
+    }
 }
 
 impl PlateFinder {
@@ -193,13 +208,20 @@ impl PlateFinder {
         if difference(fit.plane.alpha, middle).abs() > MOST_TURN_RAD || !Self::is_straight(&fit) {
             return None;
         }
-        fit.sign = self.side_shown(samples, &fit)?;
-        let posed = self.between_sides(samples, &fit, &plane_covariance)?;
+        let posed = match self.side_shown(samples, &fit) {
+            SideShown::By(sign) => {
+                fit.sign = sign;
+                self.between_sides(samples, &fit, &plane_covariance)?
+            }
+            SideShown::Unseen => self.of_either_side(samples, &fit, &plane_covariance)?,
+            SideShown::Neither => return None,
+        };
         let out = 3.0 / samples.first().map_or(200.0, |s| f64::from(s.ray.px_per_bearing));
         if posed.chi2.is_nan()
             || posed.chi2 > WORST_CHI2
             || !self.is_full(&fit, &posed)
             || self.rim_goes_on(samples, &fit, [posed.right.0, posed.left.0], out)
+            || self.sides_go_on(samples, &fit, [posed.right.0, posed.left.0])
             || self.has_corner(samples, &fit, [posed.right.0, posed.left.0])
         {
             return None;
@@ -259,12 +281,14 @@ impl PlateFinder {
         let tilt = mounting.rotation_rpy_rad[0].max(mounting.rotation_rpy_rad[1]);
         let edges = self.edges_in_view(samples, fit);
         let height_m = camera.viewpoint_body_m().z;
+        let height_sigma_m = mounting.position_m.z.hypot(tilt * fit.plane.c).hypot(HEIGHT_FLOOR_M);
         let fit = &match edges[..] {
             [] => return None,
-            [lone] => self.with_end(samples, fit, lone, height_m)?,
+            [lone] => self
+                .with_end(samples, fit, lone, height_m)
+                .or_else(|| self.by_height(samples, fit, lone, height_m, height_sigma_m))?,
             _ => fit.clone(),
         };
-        let height_sigma_m = mounting.position_m.z.hypot(tilt * fit.plane.c).hypot(HEIGHT_FLOOR_M);
         let height_chi2 = (fit.plane.lower_m / height_sigma_m).powi(2);
         if difference(fit.plane.alpha, middle).abs() > MOST_TURN_RAD || !fit.is_flat() || fit.black > MOST_BLACK {
             return None;
@@ -303,7 +327,7 @@ impl PlateFinder {
     ) -> Option<Peer> {
         let look = &self.look;
         let is_front = fit.sign > 0.0;
-        let Posed { chi2, pose, covariance, right, left, is_torn } = posed;
+        let Posed { chi2, pose, covariance, right, left, is_torn, has_heading } = posed;
         let covariance = covariance * chi2.max(1.0);
         let range = pose[0].hypot(pose[1]);
         if range > FARTHEST_M {
@@ -336,7 +360,7 @@ impl PlateFinder {
             bearing_rad: bearing,
             range_m: range,
             covariance: polar * covariance * polar.transpose(),
-            heading_rad: Some([wrap(pose[2]), covariance[(2, 2)].sqrt()]),
+            heading_rad: has_heading.then(|| [wrap(pose[2]), covariance[(2, 2)].sqrt()]),
             confidence: fit.correlation.clamp(0.0, 1.0),
             features: if *is_torn { Vec::new() } else { vec![edge(right, true), edge(left, false)] },
         })
@@ -424,6 +448,6 @@ impl PlateFinder {
             solved = Some(((here.transpose() * weights * here)[0], covariance));
         }
         let (chi2, covariance) = solved?;
-        Some(Posed { chi2, pose, covariance, right, left, is_torn: false })
+        Some(Posed { chi2, pose, covariance, right, left, is_torn: false, has_heading: true })
     }
 }

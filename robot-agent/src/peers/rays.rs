@@ -7,9 +7,13 @@ use nalgebra::{Vector2, Vector3};
 
 use crate::optics::MountedCamera;
 
-/// Every so many rows the noise is measured in; larger second differences are counted as this one.
+/// The noise is measured in every so many rows, in pieces of so many pixels of this grey: nearer to black or white it is cut off.
 const NOISE_ROWS: usize = 8;
-const MOST_BEND: usize = 63;
+const NOISE_PIECE: usize = 64;
+const NOISE_GRAY: std::ops::RangeInclusive<u8> = 8..=247;
+/// This share of the pieces is taken to be smooth; so few say nothing.
+const SMOOTH: f64 = 0.3;
+const LEAST_PIECES: usize = 8;
 /// No sensor is taken to be worse, squared grey levels.
 const MOST_NOISE2: f64 = 16.0;
 
@@ -62,33 +66,33 @@ pub struct PixelRays {
     table: Vec<PixelRay>,
     /// Of the sensor's noise in the picture at hand, squared grey levels: see [`PixelRays::measure_noise`].
     noise2: f64,
+    /// The same of its pieces.
+    pieces: Vec<f64>,
 }
 
 impl PixelRays {
     /// An empty table for a picture of this size.
     pub fn new([width, height]: [u32; 2]) -> Self {
         let (width, height) = (width as usize, height as usize);
-        Self { width, height, table: vec![PixelRay::default(); width * height], noise2: 0.0 }
+        Self { width, height, table: vec![PixelRay::default(); width * height], noise2: 0.0, pieces: Vec::new() }
     }
 
-    /// Takes the noise of a picture from second differences along some of its rows: most of a picture is smooth. Black is left out.
+    /// Takes the noise of a picture from second differences along some of its rows, where it is smooth and neither black nor white.
     pub fn measure_noise(&mut self, raw: &[u8]) {
-        let mut counts = [0u32; MOST_BEND + 1];
-        for line in raw.chunks_exact(self.width).step_by(NOISE_ROWS) {
-            for three in line.windows(3).filter(|three| three.iter().all(|g| (1..255).contains(g))) {
-                let bend = (i32::from(three[0]) - 2 * i32::from(three[1]) + i32::from(three[2])).unsigned_abs();
-                counts[(bend as usize).min(MOST_BEND)] += 1;
+        self.pieces.clear();
+        for piece in raw.chunks_exact(self.width).step_by(NOISE_ROWS).flat_map(|row| row.chunks_exact(NOISE_PIECE)) {
+            if !piece.iter().all(|gray| NOISE_GRAY.contains(gray)) {
+                continue;
             }
+            let bend = |three: &[u8]| i32::from(three[0]) - 2 * i32::from(three[1]) + i32::from(three[2]);
+            let squares: i32 = piece.windows(3).map(|three| bend(three).pow(2)).sum();
+            self.pieces.push(f64::from(squares) / (6.0 * (NOISE_PIECE - 2) as f64));
         }
-        let all: u32 = counts.iter().sum();
-        let mut below = 0;
-        let median = counts.iter().position(|count| {
-            below += count;
-            2 * below >= all
-        });
-        // A median of whole numbers lies anywhere within one of them; the lower end is the cautious one.
-        let sigma = (median.unwrap_or(0) as f64 - 0.5).max(0.0) / (0.6745 * 6f64.sqrt());
-        self.noise2 = (sigma * sigma).min(MOST_NOISE2);
+        let rank = (SMOOTH * self.pieces.len() as f64) as usize;
+        self.noise2 = match self.pieces.len() {
+            0..LEAST_PIECES => 0.0,
+            _ => self.pieces.select_nth_unstable_by(rank, f64::total_cmp).1.min(MOST_NOISE2),
+        };
     }
 
     /// What [`PixelRays::measure_noise`] found.
@@ -175,4 +179,24 @@ fn work_out(camera: &MountedCamera, u: f64, v: f64) -> Option<PixelRay> {
 
 fn difference(to: (crate::optics::Ray, f64, f64), bearing: f64, elevation: f64, sign: f64) -> (f64, f64) {
     (sign * protocol::angle::difference(to.1, bearing), sign * (to.2 - elevation))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::peers::test_scene::Dice;
+
+    #[test]
+    fn noise_is_measured_where_it_is_not_cut_off_at_black_or_white() {
+        let [width, height] = [640, 320];
+        let mut dice = Dice(7);
+        // Black and white stripes with a grey part between them that is a third of the picture.
+        let light = |v: usize| [2.0, 120.0, 253.0][3 * v / height];
+        let raw: Vec<u8> = (0..width * height)
+            .map(|i| (light(i / width) + 2.0 * dice.normal()).round().clamp(0.0, 255.0) as u8)
+            .collect();
+        let mut rays = PixelRays::new([width as u32, height as u32]);
+        rays.measure_noise(&raw);
+        assert!((3.2..4.4).contains(&rays.noise2()), "{}", rays.noise2());
+    }
 }

@@ -1,7 +1,7 @@
 //! A reduced form of the statistics.
 
 use super::*;
-use crate::scenario::Scenario;
+use crate::scenario::{Scenario, WearOf, WearSpec};
 
 #[test]
 fn robots_in_rooms_drawn_anew_are_found_where_they_are() {
@@ -32,6 +32,39 @@ fn robots_of_one_paint_are_told_apart_by_their_lamps_near_and_far() {
         let right = if peer.range_m < 3.0 { "r2" } else { "r3" };
         assert_eq!(peer.robot.map(|r| r.to_string()).as_deref(), Some(right), "{peer:?}");
     }
+}
+
+#[test]
+fn a_plate_so_near_that_one_stripe_shows_is_placed_between_what_front_and_back_would_mean() {
+    let far = plate_seen(1.0);
+    assert!(far.heading_rad.is_some() && far.features.len() == 2, "{far:?}");
+    assert_place(&far, 1.0, 0.0..0.02);
+    let near = plate_seen(0.68);
+    assert!(near.heading_rad.is_none() && near.features.is_empty(), "{near:?}");
+    assert_place(&near, 0.68, 0.05..0.09);
+}
+
+/// The one peer that a robot sees in an empty room: one with a plate, so far straight ahead, its front turned to it.
+fn plate_seen(range_m: f64) -> robot_agent::peers::Peer {
+    let mut scenario = Scenario::builtin("default").unwrap().unwrap();
+    scenario.room.furniture.clear();
+    scenario.robots.count = 2;
+    scenario.robots.poses = vec![[-3.0, 0.0, 0.0], [range_m - 3.0, 0.0, 180.0]];
+    scenario.robots.drives.clear();
+    let marker = WearSpec::Plate { width_m: 0.4, left_edge_m: 0.2, behind_m: 0.06 };
+    scenario.robots.wear = vec![WearOf { robot: scenario.robot_ids()[1], marker, beacon: None }];
+    scenario.people.count = 0;
+    let eyes = Eyes::of(&scenario.camera).unwrap();
+    let mut seen = trial::follow(&eyes, &scenario, 1).concat();
+    assert_eq!(seen.len(), 1, "{seen:?}");
+    seen.remove(0)
+}
+
+/// Within three sigmas of a place straight ahead, and the range's sigma as it should be.
+fn assert_place(peer: &robot_agent::peers::Peer, range_m: f64, sigma_m: std::ops::Range<f64>) {
+    let error = nalgebra::Vector2::new(peer.bearing_rad, peer.range_m - range_m);
+    let chi2 = (error.transpose() * peer.covariance.try_inverse().unwrap() * error)[0];
+    assert!(chi2 < 11.8 && sigma_m.contains(&peer.range_sigma_m()), "{chi2} {peer:?}");
 }
 
 #[test]

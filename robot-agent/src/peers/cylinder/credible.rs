@@ -29,6 +29,9 @@ const ROUND_CHI2: [f64; 3] = [9.0, 9.0, 4.0];
 
 /// Rings beyond all doubt: see [`CylinderFinder::is_plain`].
 const PLAIN_M: f64 = 3.2;
+/// The same further away, where the bend is known like this.
+const PLAIN_FAR_M: f64 = 4.2;
+const PLAIN_FAR_BEND: f64 = 0.1;
 const PLAIN_CORRELATION: f64 = 0.9975;
 const PLAIN_PAINT: f64 = 0.03;
 const PLAIN_BLACK: f64 = 0.1;
@@ -53,6 +56,8 @@ const LEAST_RIM: f64 = 0.85;
 const LEAST_READ_RIM: f64 = 0.7;
 const LEAST_READ_BARS: usize = 3;
 const WORST_READ: f64 = 1.5;
+/// The same with one outline and neither enough bars nor a name: of true bodies the least was 0.97, plates and tables came to 0.94.
+pub(super) const LEAST_LONE_RIM: f64 = 0.96;
 /// How far the only outline may be from where rings put it, pixels, and how many sigmas beyond [`BEND_GATE`] their bend may be.
 const LONE_WAY_PX: f64 = 0.8;
 const LONE_BEND: f64 = 2.5;
@@ -84,6 +89,7 @@ impl CylinderFinder {
             && !rings.is_rim;
         let is_certain = is_spelt || seen > 0 && reading.is_some_and(|r| r.is_certain);
         let is_plain = self.is_plain(rings, camera);
+        let is_told = reading.is_some() || !look.is_barred();
 
         // A body without bars correlates better than one with them.
         let is_without_bars = reading.is_some_and(|r| look.patterns[r.pattern].bars.is_empty());
@@ -109,6 +115,7 @@ impl CylinderFinder {
         let is_soon = range_m > self.reach.one_edge_m / RANGE_SLACK;
         let is_rim = !rings.is_rim
             || !(is_soon && (is_unclear || seen < 2 && !is_read))
+                && (seen == 2 || is_read || is_certain || seen == 1 && is_told && rings.visible >= LEAST_LONE_RIM)
                 && rings.visible >= if is_read { LEAST_READ_RIM } else { LEAST_RIM };
         is_painted
             && is_bent
@@ -125,7 +132,7 @@ impl CylinderFinder {
     pub(super) fn is_plain(&self, rings: &RingFit, camera: &MountedCamera) -> bool {
         let [bend, sigma] = rings.bend;
         !rings.is_rim
-            && rings.near_m < PLAIN_M
+            && (rings.near_m < PLAIN_M || rings.near_m < PLAIN_FAR_M && sigma <= PLAIN_FAR_BEND)
             && rings.correlation >= PLAIN_CORRELATION
             && rings.paint_error(&self.look) <= PLAIN_PAINT
             && rings.black(&self.look) <= PLAIN_BLACK

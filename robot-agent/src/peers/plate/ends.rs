@@ -24,6 +24,10 @@ const STEP_FLOOR_PX2: f64 = 0.01;
 const LEAST_END_COLUMNS: usize = 6;
 /// Share of the columns that must agree on the upper end.
 const LEAST_END_AGREEMENT: f64 = 0.5;
+/// An upper end is unseen where less than this share of the columns agrees; then the stripes must correlate, and black be black, like this.
+const MOST_UNSEEN_END: f64 = 0.3;
+const UNSEEN_END_CORRELATION: f64 = 0.995;
+const UNSEEN_END_BLACK: f64 = 0.1;
 /// Rounds in which a lone edge and the upper end settle distance and height.
 const END_ROUNDS: usize = 3;
 /// Beyond an end of the plate a further stripe is like its second to this share of their contrast, and ends with this share of
@@ -38,6 +42,9 @@ const BEYOND_EDGE_PX: f64 = 3.0;
 const FACE_M: f64 = 0.25;
 const CORNER_PX: f64 = 1.5;
 const LEAST_FACE_COLUMNS: usize = 3;
+/// Stripes round a corner have at least this share of the plate's contrast, those beside it this.
+const LEAST_FACE_GAIN: f64 = 0.15;
+const LEAST_GOING_ON: f64 = 0.3;
 const MOST_ROUND_CORNER: f64 = 0.5;
 const EDGE_FLOOR_PX: f64 = 0.06;
 /// A sheet has a rim of its own, metres.
@@ -132,6 +139,29 @@ impl PlateFinder {
         Some(fit)
     }
 
+    /// The same where nothing can be seen of the upper end because what is behind it is as dark or as bright: the lone edge has the
+    /// announced height, as surely as `height_sigma_m` says. `None` where the upper end shows, elsewhere.
+    pub(super) fn by_height(
+        &self,
+        samples: &[Sample],
+        fit: &PlaneFit,
+        edge_m: f64,
+        camera_height_m: f64,
+        height_sigma_m: f64,
+    ) -> Option<PlaneFit> {
+        let lone = camera_height_m - edge_m;
+        let mut fit = fit.clone();
+        fit.plane.c *= lone / (lone + fit.plane.lower_m).max(0.5 * lone);
+        fit.plane.lower_m = 0.0;
+        let is_hidden = self.end(samples, &fit).is_none_or(|end| end.agreement < MOST_UNSEEN_END);
+        if !is_hidden || fit.correlation < UNSEEN_END_CORRELATION || fit.black > UNSEEN_END_BLACK {
+            return None;
+        }
+        let c_sigma = fit.plane.c * height_sigma_m / lone.abs().max(1e-3);
+        fit.covariance = Matrix2::new(fit.covariance[(0, 0)], 0.0, 0.0, c_sigma * c_sigma);
+        Some(fit)
+    }
+
     /// Share of the columns between two bearings that show the plate's stripes.
     pub(super) fn share_of_stripes(&self, samples: &[Sample], fit: &PlaneFit, from: f64, to: f64) -> f64 {
         let Some(scale) = samples.first().map(|s| f64::from(s.ray.px_per_bearing)) else { return 0.0 };
@@ -144,7 +174,7 @@ impl PlateFinder {
         let goes_on = shown(&grams, self.noise2, 0.0)
             .iter()
             .flatten()
-            .filter(|(correlation, gain)| correlation * fit.sign > 0.0 && gain.abs() > 0.3 * fit.gain)
+            .filter(|(correlation, gain)| correlation * fit.sign > 0.0 && gain.abs() > LEAST_GOING_ON * fit.gain)
             .count();
         goes_on as f64 / measured.max(1) as f64
     }
@@ -169,7 +199,9 @@ impl PlateFinder {
             let middle = wrap(at - outside * (CORNER_PX / scale + reach));
             let grams = self.sums(samples, &face, middle, reach, wide / count as f64, count, BLUR_PX);
             let measured = grams.iter().filter(|gram| shows_edge(gram)).count();
-            let alike = shown(&grams, self.noise2, 0.1).iter().flatten().filter(|(c, _)| c * fit.sign > 0.0).count();
+            let shown = shown(&grams, self.noise2, 0.1);
+            let is_alike = |(c, gain): &&(f64, f64)| c * fit.sign > 0.0 && gain.abs() > LEAST_FACE_GAIN * fit.gain;
+            let alike = shown.iter().flatten().filter(is_alike).count();
             measured >= LEAST_FACE_COLUMNS && alike as f64 >= MOST_ROUND_CORNER * measured as f64
         })
     }

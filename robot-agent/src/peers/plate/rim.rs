@@ -5,7 +5,8 @@
 //! sides in upright edges just as far apart as the plate is wide. Algorithm: as for near cylinders (`super::super::near`) at every
 //! distance and turn the contrast across the line is taken at ten places and across both sides; the best are fitted column by
 //! column. A corner of the second stripe must be in view: it must be the announced one, and says which side one looks at. (With the
-//! end and both sides alone more plates are found at 0.6 to 0.75 m, front and back alike, and one door in 370 rooms.)
+//! end and both sides alone more plates are found at 0.6 to 0.75 m, front and back alike, and one door in 370 rooms: so only very near,
+//! where everything fits better than it need, and as a place between the two that front and back would mean.)
 
 use std::f64::consts::TAU;
 
@@ -55,6 +56,19 @@ const CORRELATION: f64 = 0.97;
 const STRAIGHT: f64 = 0.04;
 /// So many columns must show two stripes: without, chairs, boxes and doors are taken for plates.
 const DECIDING_COLUMNS: usize = 5;
+/// With one stripe in view a plate must be within these bounds (nearer than 0.6 m from axis to axis are no robots), metres, fit this well, and be of one paint: a spread below this share of the
+/// contrast, this far from its borders, in so many pixels at least.
+const EITHER_SIDE_M: std::ops::Range<f64> = 0.53..0.85;
+const EITHER_SIDE_CHI2: f64 = 4.0;
+const MOST_UNEVEN: f64 = 0.2;
+const PAINT_MARGIN_PX: f64 = 2.5;
+const LEAST_PAINT: f64 = 60.0;
+/// Its sides are measured as the front's and as the back's: the place is no better than this, metres.
+const EITHER_SIDE_SIGMA_M: f64 = 0.012;
+/// Where sides are looked for above the upper end, pixels beside and above, and the contrast that is one, as a share of the end's.
+const BESIDE_PX: std::ops::Range<f64> = 1.5..5.0;
+const ABOVE_PX: std::ops::Range<f64> = 2.5..12.0;
+const MOST_ABOVE: f64 = 0.25;
 /// A lone upper end reaches to its sides but for this share of the width; they are as sharp as this, pixels, in so many rows.
 const MOST_SHORT: f64 = 0.08;
 const SHARP_PX: f64 = 0.2;
@@ -63,6 +77,17 @@ const SHARP_ROWS: usize = 8;
 /// The line goes on beyond a side where its place is as near as this in more than this share of the columns there.
 const GOES_ON_PX: f64 = 0.6;
 const MOST_GOING_ON: f64 = 0.4;
+
+/// Which side of a plate shows.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) enum SideShown {
+    /// 1: the front, −1: the back.
+    By(f64),
+    /// Too few columns tell.
+    Unseen,
+    /// Something else shows.
+    Neither,
+}
 
 #[derive(Debug)]
 struct Level {
@@ -284,24 +309,66 @@ impl PlateFinder {
         (columns.iter().filter_map(crossing).collect(), count)
     }
 
-    /// Which side of a plate one looks at by the columns that show two stripes: 1 the front, −1 the back; `None` where they show
-    /// something else or are too few.
-    pub(super) fn side_shown(&self, samples: &[Sample], fit: &PlaneFit) -> Option<f64> {
-        let scale = samples.first().map(|s| f64::from(s.ray.px_per_bearing))?;
+    /// Which side of a plate one looks at by the columns that show two stripes.
+    pub(super) fn side_shown(&self, samples: &[Sample], fit: &PlaneFit) -> SideShown {
+        let Some(scale) = samples.first().map(|s| f64::from(s.ray.px_per_bearing)) else { return SideShown::Neither };
         let reach = 0.48 * difference(fit.seen_rad[1], fit.seen_rad[0]);
         let middle = wrap(fit.seen_rad[0] + 0.5 * difference(fit.seen_rad[1], fit.seen_rad[0]));
         let count = ((2.0 * reach * scale) as usize).max(1);
         let grams = self.sums(samples, &fit.plane, middle, reach, 2.0 * reach / count as f64, count, BLUR_PX);
         let measured = grams.iter().filter(|gram| shows_edge(gram)).count();
         if measured < DECIDING_COLUMNS {
-            return None;
+            return SideShown::Unseen;
         }
         let shown = shown(&grams, self.noise2, 0.0);
         let share = |sign: f64| shown.iter().flatten().filter(|(c, _)| c * sign > 0.0).count() as f64 / measured as f64;
-        let sign = [1.0, -1.0].into_iter().find(|sign| share(*sign) >= LEAST_FILLED)?;
+        let Some(sign) = [1.0, -1.0].into_iter().find(|sign| share(*sign) >= LEAST_FILLED) else {
+            return SideShown::Neither;
+        };
         let columns = grams.iter().zip(&shown).filter_map(|(gram, column)| Some((gram, column.as_ref()?.1)));
         let mut blacks: Vec<f64> = columns.map(|(gram, gain)| black(gram, gain, self.darkest(sign))).collect();
-        (median(&mut blacks) <= MOST_BLACK).then_some(sign)
+        if median(&mut blacks) <= MOST_BLACK { SideShown::By(sign) } else { SideShown::Neither }
+    }
+
+    /// The pose of a plate of which one stripe is in view, so that front and back look alike: midway between the two places.
+    pub(super) fn of_either_side(
+        &self,
+        samples: &[Sample],
+        fit: &PlaneFit,
+        plane_covariance: &Matrix2<f64>,
+    ) -> Option<Posed> {
+        if !EITHER_SIDE_M.contains(&fit.plane.c) || !self.is_even(samples, fit) {
+            return None;
+        }
+        let of = |sign: f64| {
+            let posed = self.between_sides(samples, &PlaneFit { sign, ..fit.clone() }, plane_covariance);
+            posed.filter(|posed| posed.chi2 < EITHER_SIDE_CHI2 && !posed.is_torn)
+        };
+        let mut posed = of(1.0)?.or_as_likely(&of(-1.0)?);
+        posed.has_heading = false;
+        posed.covariance += Matrix3::from_diagonal(&Vector3::new(1.0, 1.0, 0.0)) * EITHER_SIDE_SIGMA_M.powi(2);
+        Some(posed)
+    }
+
+    /// Whether what is in view of the upper stripe is of one paint.
+    fn is_even(&self, samples: &[Sample], fit: &PlaneFit) -> bool {
+        let edges = &self.pillar.edges_m;
+        let [low, high] = [edges[edges.len() - 2], edges[edges.len() - 1]];
+        let (mut n, mut sum, mut squares) = (0.0, 0.0, 0.0);
+        for sample in samples {
+            let margin_rad = PAINT_MARGIN_PX / f64::from(sample.ray.px_per_bearing);
+            let bearing = f64::from(sample.ray.bearing_rad);
+            let inside = difference(bearing, fit.seen_rad[0]).min(difference(fit.seen_rad[1], bearing));
+            let (distance, height) = fit.plane.meet(&sample.ray);
+            let margin_m = PAINT_MARGIN_PX * sample.ray.m_per_px(distance);
+            if inside > margin_rad && height > low + margin_m && height < high - margin_m {
+                n += 1.0;
+                sum += sample.gray;
+                squares += sample.gray * sample.gray;
+            }
+        }
+        let spread = (squares / n - (sum / n).powi(2)).max(0.0).sqrt();
+        n >= LEAST_PAINT && spread < (3.0 * self.noise2.sqrt()).max(MOST_UNEVEN * fit.gain)
     }
 
     /// Whether the upper end goes on beyond one of its sides.
@@ -311,6 +378,26 @@ impl PlateFinder {
             let (crossings, asked) = self.crossings(samples, &fit.plane, sector, &[0.0]);
             let on = crossings.iter().filter(|c| c.higher_px.abs() < GOES_ON_PX).count();
             on as f64 > MOST_GOING_ON * asked as f64
+        })
+    }
+
+    /// Whether both sides go on above an upper end: then it is the border of a stripe of something taller.
+    pub(super) fn sides_go_on(&self, samples: &[Sample], fit: &PlaneFit, sides: [f64; 2]) -> bool {
+        let high_m = self.pillar.high_m();
+        sides.into_iter().all(|side| {
+            let mut sums = [[0.0f64; 2]; 2];
+            for sample in samples {
+                let aside_px =
+                    difference(f64::from(sample.ray.bearing_rad), side) * f64::from(sample.ray.px_per_bearing);
+                let (distance, height) = fit.plane.meet(&sample.ray);
+                let above_px = (height - high_m) / sample.ray.m_per_px(distance);
+                if BESIDE_PX.contains(&aside_px.abs()) && ABOVE_PX.contains(&above_px) {
+                    let sum = &mut sums[usize::from(aside_px > 0.0)];
+                    *sum = [sum[0] + sample.gray, sum[1] + 1.0];
+                }
+            }
+            let [right, left] = sums.map(|[sum, n]| sum / n);
+            (right - left).abs() > (MOST_ABOVE * fit.gain).max(2.0 * self.noise2.sqrt())
         })
     }
 
