@@ -24,7 +24,7 @@ use super::rays::{PixelRays, Sample};
 use super::search::Grid;
 use super::{Find, Peer, PeerFeature};
 use crate::optics::MountedCamera;
-use ends::side_sigma;
+use ends::{End, side_sigma};
 use plane::{Plane, PlaneFit};
 use rim::{RimSearch, SideShown};
 use search::{PlateCandidate, PlateSearch};
@@ -40,6 +40,8 @@ const MOST_TURN_RAD: f64 = 1.2;
 const WORST_CHI2: f64 = 9.21;
 /// Another pair of sides whose χ² is larger by less is as good.
 const AS_GOOD_CHI2: f64 = 6.0;
+/// Poses nearer to each other than this, χ², are the same.
+const SAME_CHI2: f64 = 0.5;
 /// The heights of the stripes are right to this when noise has averaged out, metres.
 const HEIGHT_FLOOR_M: f64 = 3e-3;
 /// Beyond, a plate is too few pixels for its stripes to be told from a cylinder's rings, metres.
@@ -221,7 +223,7 @@ impl PlateFinder {
             || posed.chi2 > WORST_CHI2
             || !self.is_full(&fit, &posed)
             || self.rim_goes_on(samples, &fit, [posed.right.0, posed.left.0], out)
-            || self.sides_go_on(samples, &fit, [posed.right.0, posed.left.0])
+            || self.sides_go_on(samples, &fit, [posed.right.0, posed.left.0], End::Upper)
             || self.has_corner(samples, &fit, [posed.right.0, posed.left.0])
         {
             return None;
@@ -385,12 +387,15 @@ impl PlateFinder {
         posed.sort_by(|a, b| a.chi2.total_cmp(&b.chi2));
         let mut rest = posed.into_iter();
         let mut best = rest.next()?;
-        // What the picture cannot tell apart the answer covers.
+        // What the picture cannot tell apart the answer covers; mostly they are the same sides again.
+        let own = best.covariance.try_inverse()?;
         for other in rest.filter(|other| other.chi2 < best.chi2 + AS_GOOD_CHI2) {
             let mut apart = other.pose - best.pose;
             apart[2] = difference(other.pose[2], best.pose[2]);
-            best.covariance += apart * apart.transpose();
-            best.is_torn = true;
+            if (apart.transpose() * own * apart)[0] > SAME_CHI2 {
+                best.covariance += apart * apart.transpose();
+                best.is_torn = true;
+            }
         }
         Some(best)
     }

@@ -52,8 +52,20 @@ const RIM_FLOOR_M: f64 = 2e-3;
 /// Columns of one picture's width looked at on either side of where the plate may end.
 const BESIDE_PX: f64 = 9.0;
 
-/// The upper end of a plate.
-struct End {
+/// Where sides are looked for beyond an end, pixels beside and beyond, and the contrast that is one, as a share of the plate's.
+const BESIDE_SIDE_PX: std::ops::Range<f64> = 1.5..5.0;
+const BEYOND_END_PX: std::ops::Range<f64> = 2.5..12.0;
+const MOST_BEYOND: f64 = 0.25;
+
+/// An end of a plate.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum End {
+    Upper,
+    Lower,
+}
+
+/// Where the upper end of a plate is.
+struct EndFit {
     /// Higher than predicted, and the standard deviation.
     higher_px: f64,
     sigma_px: f64,
@@ -71,7 +83,7 @@ impl PlateFinder {
     }
 
     /// How much further up the plate goes than it should, column by column: each has its own light, and some have a mast.
-    fn end(&self, samples: &[Sample], fit: &PlaneFit) -> Option<End> {
+    fn end(&self, samples: &[Sample], fit: &PlaneFit) -> Option<EndFit> {
         let high_m = self.pillar.high_m();
         let scale = samples.first().map(|s| f64::from(s.ray.px_per_bearing))?;
         let wide = difference(fit.seen_rad[1], fit.seen_rad[0]);
@@ -97,7 +109,7 @@ impl PlateFinder {
         let agreeing: Vec<_> = steps.iter().filter(is_near).collect();
         let weights: f64 = agreeing.iter().map(|step| 1.0 / (step.1 + STEP_FLOOR_PX2)).sum();
         let sum: f64 = agreeing.iter().map(|step| step.0 / (step.1 + STEP_FLOOR_PX2)).sum();
-        (agreeing.len() >= LEAST_END_COLUMNS).then(|| End {
+        (agreeing.len() >= LEAST_END_COLUMNS).then(|| EndFit {
             higher_px: sum / weights,
             sigma_px: (1.0 / weights).sqrt(),
             agreement: agreeing.len() as f64 / count as f64,
@@ -206,52 +218,76 @@ impl PlateFinder {
         })
     }
 
+    /// Whether both sides go on beyond an end: then it is the border of a stripe of something taller.
+    pub(super) fn sides_go_on(&self, samples: &[Sample], fit: &PlaneFit, sides: [f64; 2], end: End) -> bool {
+        sides.into_iter().all(|side| {
+            let mut sums = [[0.0f64; 2]; 2];
+            for sample in samples {
+                let aside_px =
+                    difference(f64::from(sample.ray.bearing_rad), side) * f64::from(sample.ray.px_per_bearing);
+                let (distance, height) = fit.plane.meet(&sample.ray);
+                let height = height + fit.plane.lower_m;
+                let beyond_m = match end {
+                    End::Upper => height - self.pillar.high_m(),
+                    End::Lower => self.pillar.low_m() - height,
+                };
+                let beyond_px = beyond_m / sample.ray.m_per_px(distance);
+                if BESIDE_SIDE_PX.contains(&aside_px.abs()) && BEYOND_END_PX.contains(&beyond_px) {
+                    let sum = &mut sums[usize::from(aside_px > 0.0)];
+                    *sum = [sum[0] + sample.gray, sum[1] + 1.0];
+                }
+            }
+            let [right, left] = sums.map(|[sum, n]| sum / n);
+            (right - left).abs() > (MOST_BEYOND * fit.gain).max(2.0 * self.noise2.sqrt())
+        })
+    }
+
     /// Whether the stripes go on above or below the plate: then it is a part of something taller.
     pub(super) fn has_further_stripe(&self, samples: &[Sample], fit: &PlaneFit, ends: [f64; 2]) -> bool {
         let edges = &self.pillar.edges_m;
         let n = edges.len();
         let Some(scale) = samples.first().map(|s| f64::from(s.ray.px_per_bearing)) else { return false };
         let count = ((difference(ends[1], ends[0]) * scale) as usize).max(1);
-        [[edges[n - 1], edges[n - 2], edges[n - 3]], [edges[0], edges[1], edges[2]]].iter().any(
-            |[end, next, second]| {
-                let high = end - next;
-                // By column: the last stripe, the second last, where a further one would be, and what is beyond that.
-                let mut columns = vec![[[0.0f64; 2]; 4]; count];
-                for sample in samples {
-                    let along = difference(f64::from(sample.ray.bearing_rad), ends[0]) * scale;
-                    if !(0.0..count as f64).contains(&along) {
+        let upper = (End::Upper, [edges[n - 1], edges[n - 2], edges[n - 3]]);
+        let lower = (End::Lower, [edges[0], edges[1], edges[2]]);
+        [upper, lower].into_iter().any(|(which, [end, next, second])| {
+            let high = end - next;
+            // By column: the last stripe, the second last, where a further one would be, and what is beyond that.
+            let mut columns = vec![[[0.0f64; 2]; 4]; count];
+            for sample in samples {
+                let along = difference(f64::from(sample.ray.bearing_rad), ends[0]) * scale;
+                if !(0.0..count as f64).contains(&along) {
+                    continue;
+                }
+                let height = fit.plane.meet(&sample.ray).1 + fit.plane.lower_m;
+                let part = if (height - next) * high < 0.0 {
+                    // The second last may have another height.
+                    let share = (height - next) / (second - next);
+                    if (0.2..0.8).contains(&share) { 1 } else { continue }
+                } else {
+                    let share = (height - next) / high;
+                    if !(0.2..0.8).contains(&(share - share.floor())) || share >= 3.0 {
                         continue;
                     }
-                    let height = fit.plane.meet(&sample.ray).1 + fit.plane.lower_m;
-                    let part = if (height - next) * high < 0.0 {
-                        // The second last may have another height.
-                        let share = (height - next) / (second - next);
-                        if (0.2..0.8).contains(&share) { 1 } else { continue }
-                    } else {
-                        let share = (height - next) / high;
-                        if !(0.2..0.8).contains(&(share - share.floor())) || share >= 3.0 {
-                            continue;
-                        }
-                        [0, 2, 3][share as usize]
-                    };
-                    let cell = &mut columns[along as usize][part];
-                    cell[0] += sample.gray;
-                    cell[1] += 1.0;
-                }
-                let measured = columns.iter().filter(|c| c.iter().all(|cell| cell[1] > 0.0));
-                let (mut all, mut further) = (0usize, 0usize);
-                for column in measured {
-                    let [last, second, further_one, beyond] = column.map(|[sum, n]| sum / n);
-                    let contrast = (second - last).abs();
-                    all += 1;
-                    further += usize::from(
-                        (further_one - second).abs() < LIKE * contrast
-                            && (beyond - further_one).abs() > ENDS * contrast,
-                    );
-                }
-                all > 0 && further as f64 > MOST_FURTHER * all as f64
-            },
-        )
+                    [0, 2, 3][share as usize]
+                };
+                let cell = &mut columns[along as usize][part];
+                cell[0] += sample.gray;
+                cell[1] += 1.0;
+            }
+            let measured = columns.iter().filter(|c| c.iter().all(|cell| cell[1] > 0.0));
+            let (mut all, mut further) = (0usize, 0usize);
+            for column in measured {
+                let [last, second, further_one, beyond] = column.map(|[sum, n]| sum / n);
+                let contrast = (second - last).abs();
+                all += 1;
+                further += usize::from(
+                    (further_one - second).abs() < LIKE * contrast && (beyond - further_one).abs() > ENDS * contrast,
+                );
+            }
+            // A wall may be as bright as a stripe, but it does not end where the plate does.
+            all > 0 && further as f64 > MOST_FURTHER * all as f64 && self.sides_go_on(samples, fit, ends, which)
+        })
     }
 
     /// Heights of the edges between two stripes that the picture reaches on both sides in the middle of what shows stripes.

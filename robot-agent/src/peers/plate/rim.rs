@@ -65,10 +65,6 @@ const PAINT_MARGIN_PX: f64 = 2.5;
 const LEAST_PAINT: f64 = 60.0;
 /// Its sides are measured as the front's and as the back's: the place is no better than this, metres.
 const EITHER_SIDE_SIGMA_M: f64 = 0.012;
-/// Where sides are looked for above the upper end, pixels beside and above, and the contrast that is one, as a share of the end's.
-const BESIDE_PX: std::ops::Range<f64> = 1.5..5.0;
-const ABOVE_PX: std::ops::Range<f64> = 2.5..12.0;
-const MOST_ABOVE: f64 = 0.25;
 /// A lone upper end reaches to its sides but for this share of the width; they are as sharp as this, pixels, in so many rows.
 const MOST_SHORT: f64 = 0.08;
 const SHARP_PX: f64 = 0.2;
@@ -378,26 +374,6 @@ impl PlateFinder {
             let (crossings, asked) = self.crossings(samples, &fit.plane, sector, &[0.0]);
             let on = crossings.iter().filter(|c| c.higher_px.abs() < GOES_ON_PX).count();
             on as f64 > MOST_GOING_ON * asked as f64
-        })
-    }
-
-    /// Whether both sides go on above an upper end: then it is the border of a stripe of something taller.
-    pub(super) fn sides_go_on(&self, samples: &[Sample], fit: &PlaneFit, sides: [f64; 2]) -> bool {
-        let high_m = self.pillar.high_m();
-        sides.into_iter().all(|side| {
-            let mut sums = [[0.0f64; 2]; 2];
-            for sample in samples {
-                let aside_px =
-                    difference(f64::from(sample.ray.bearing_rad), side) * f64::from(sample.ray.px_per_bearing);
-                let (distance, height) = fit.plane.meet(&sample.ray);
-                let above_px = (height - high_m) / sample.ray.m_per_px(distance);
-                if BESIDE_PX.contains(&aside_px.abs()) && ABOVE_PX.contains(&above_px) {
-                    let sum = &mut sums[usize::from(aside_px > 0.0)];
-                    *sum = [sum[0] + sample.gray, sum[1] + 1.0];
-                }
-            }
-            let [right, left] = sums.map(|[sum, n]| sum / n);
-            (right - left).abs() > (MOST_ABOVE * fit.gain).max(2.0 * self.noise2.sqrt())
         })
     }
 
