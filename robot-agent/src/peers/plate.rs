@@ -223,7 +223,7 @@ impl PlateFinder {
             || posed.chi2 > WORST_CHI2
             || !self.is_full(&fit, &posed)
             || self.rim_goes_on(samples, &fit, [posed.right.0, posed.left.0], out)
-            || self.sides_go_on(samples, &fit, [posed.right.0, posed.left.0], End::Upper)
+            || self.sides_beyond(samples, &fit, [posed.right.0, posed.left.0], End::Upper) == 2
             || self.has_corner(samples, &fit, [posed.right.0, posed.left.0])
         {
             return None;

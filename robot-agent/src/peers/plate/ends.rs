@@ -218,13 +218,13 @@ impl PlateFinder {
         })
     }
 
-    /// Whether both sides go on beyond an end: then it is the border of a stripe of something taller.
-    pub(super) fn sides_go_on(&self, samples: &[Sample], fit: &PlaneFit, sides: [f64; 2], end: End) -> bool {
-        sides.into_iter().all(|side| {
+    /// How many of the sides go on beyond an end: then it is the border of a stripe of something taller.
+    pub(super) fn sides_beyond(&self, samples: &[Sample], fit: &PlaneFit, sides: [f64; 2], end: End) -> usize {
+        let goes_on = |side: &f64| {
             let mut sums = [[0.0f64; 2]; 2];
             for sample in samples {
                 let aside_px =
-                    difference(f64::from(sample.ray.bearing_rad), side) * f64::from(sample.ray.px_per_bearing);
+                    difference(f64::from(sample.ray.bearing_rad), *side) * f64::from(sample.ray.px_per_bearing);
                 let (distance, height) = fit.plane.meet(&sample.ray);
                 let height = height + fit.plane.lower_m;
                 let beyond_m = match end {
@@ -239,7 +239,8 @@ impl PlateFinder {
             }
             let [right, left] = sums.map(|[sum, n]| sum / n);
             (right - left).abs() > (MOST_BEYOND * fit.gain).max(2.0 * self.noise2.sqrt())
-        })
+        };
+        sides.iter().filter(|side| goes_on(side)).count()
     }
 
     /// Whether the stripes go on above or below the plate: then it is a part of something taller.
@@ -286,7 +287,7 @@ impl PlateFinder {
                 );
             }
             // A wall may be as bright as a stripe, but it does not end where the plate does.
-            all > 0 && further as f64 > MOST_FURTHER * all as f64 && self.sides_go_on(samples, fit, ends, which)
+            all > 0 && further as f64 > MOST_FURTHER * all as f64 && self.sides_beyond(samples, fit, ends, which) > 0
         })
     }
 
