@@ -7,7 +7,7 @@
 //! eliminated, on (direction of the normal, distance, height); then each side as an outline (`super::edges`); then the pose by
 //! least squares from two bearings and the plane. A striped box can look much like that: width and height must agree with
 //! the announced ones (χ²), no stripe may go on above, below or beside (`ends`), and where one edge between two stripes is in
-//! view the upper end must confirm it.
+//! view the upper end must confirm it, if anything can be seen of it.
 
 mod ends;
 mod plane;

@@ -4,9 +4,9 @@
 //! is a straight level line of announced height, whose place in each column gives the plane as stripes do; it must end on both
 //! sides in upright edges just as far apart as the plate is wide. Algorithm: as for near cylinders (`super::super::near`) at every
 //! distance and turn the contrast across the line is taken at ten places and across both sides; the best are fitted column by
-//! column. A corner of the second stripe must be in view: it must be the announced one, and says which side one looks at. (With the
-//! end and both sides alone more plates are found at 0.6 to 0.75 m, front and back alike, and one door in 370 rooms: so only very near,
-//! where everything fits better than it need, and as a place between the two that front and back would mean.)
+//! column. Where a corner of the second stripe is in view it must be the announced one, and says which side one looks at. Where none
+//! is, front and back look alike and doors look like either (one in 370 rooms): such plates are taken only very near, where
+//! everything fits better than it need, and are put midway between what front and back would mean.
 
 use std::f64::consts::TAU;
 
