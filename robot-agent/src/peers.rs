@@ -297,12 +297,11 @@ fn without_doubles(mut found: Vec<Find>) -> Vec<Peer> {
         let is_taken = |other: &Find| {
             let apart = difference(other.peer.bearing_rad, find.peer.bearing_rad).abs();
             let (a, b) = (other.peer.range_m, find.peer.range_m);
-            let floor_m = (a * a + b * b - 2.0 * a * b * apart.cos()).max(0.0).sqrt();
             // Two bodies are not in one place; one that hides the other may seem nearer or farther than it is.
             let is_before = apart * a.min(b) < 0.8 * other.half_m.max(find.half_m)
                 && (a - b).abs() < 0.05 * a + 0.6 * (other.half_m + find.half_m);
             other.peer.kind.max(1) != find.peer.kind.max(1)
-                && (is_before || floor_m < SAME_BODY * (other.half_m + find.half_m))
+                && (is_before || other.peer.apart_m(&find.peer) < SAME_BODY * (other.half_m + find.half_m))
         };
         if !kept.iter().any(is_taken) {
             kept.push(find);
@@ -333,6 +332,13 @@ impl Peer {
             confidence: Fraction8::from_value(self.confidence),
             features: self.features.iter().map(feature).collect(),
         }
+    }
+
+    /// How far from another's its axis is along the floor, metres.
+    fn apart_m(&self, other: &Self) -> f64 {
+        let (a, b) = (self.range_m, other.range_m);
+        let cosine = difference(self.bearing_rad, other.bearing_rad).cos();
+        (a * a + b * b - 2.0 * a * b * cosine).max(0.0).sqrt()
     }
 
     /// Standard deviation of the bearing, radians.

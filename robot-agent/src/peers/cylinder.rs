@@ -518,7 +518,5 @@ fn is_same(peer: &Peer, candidate: &Candidate, look: &CylinderLook) -> bool {
 
 /// Whether two peers cannot both be there.
 fn overlap(a: &Peer, b: &Peer, look: &CylinderLook) -> bool {
-    let apart = protocol::angle::difference(a.bearing_rad, b.bearing_rad).abs();
-    let distance2 = a.range_m.powi(2) + b.range_m.powi(2) - 2.0 * a.range_m * b.range_m * apart.cos();
-    distance2 < (1.5 * look.radius_m).powi(2)
+    a.apart_m(b) < 1.5 * look.radius_m
 }
