@@ -31,7 +31,7 @@ use protocol::message::observation::{Feature, FeaturePart, PeerSighting, Sighted
 use protocol::quantity::{Angle16, Fraction8, LogSigma, Millimetres};
 use protocol::time::Timestamp;
 
-pub use cylinder::{EDGE_FLOOR_PX, ELEVATION_FLOOR_PX};
+pub use cylinder::{EDGE_FLOOR_PX, ELEVATION_FLOOR_PX, Fit, Traits};
 pub use learn::{KnownView, LearnError, Learnt, learn};
 pub use search::Grid;
 
@@ -247,6 +247,12 @@ impl PeerDetector {
         }
         self.read_beacons(raw, capture, &mut peers);
         peers
+    }
+
+    /// What cylinders were fitted to since the last call, robots or not, at most some thousands; kept from the first call on. For learning
+    /// what tells them apart.
+    pub fn take_fits(&mut self) -> Vec<Fit> {
+        self.finders.iter_mut().flat_map(CylinderFinder::take_fits).collect()
     }
 
     /// Places that the last call looked at closely.

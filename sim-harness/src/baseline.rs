@@ -14,7 +14,7 @@ use protocol::time::Timestamp;
 use serde::Serialize;
 
 use crate::parallel;
-use crate::peers::layout;
+use crate::peers::layout::{self, Team};
 use crate::peers::trial::Kind;
 use crate::render::Renderer;
 use crate::render::rays::Rays;
@@ -111,7 +111,7 @@ fn sample(plan: &Plan, rays: &Arc<Rays>, seed: u64) -> Result<Option<Sample>, St
 
 /// Two robots of a drawn room.
 fn pair(plan: &Plan, rays: &Arc<Rays>, seed: u64) -> Option<(Scenario, &'static str)> {
-    let (scenario, world) = layout::draw(&plan.camera, seed, RUN_S, true)?;
+    let (scenario, world) = layout::draw(&plan.camera, seed, RUN_S, Some(Team::Mixed))?;
     let world = Arc::new(world);
     let presence = Renderer::of_first(&world, rays).presence(0.5);
     let poses = &scenario.robots.poses;

@@ -37,6 +37,8 @@ enum Command {
     Guidance(guidance::GuidanceArgs),
     /// Fellow robots in rendered pictures of rooms drawn anew: found, measured, named, against truth
     Peers(peers::PeersArgs),
+    /// Weights with which the detector tells robots from other things, learnt from fits with truth (`peers --fits`)
+    Verdict(peers::VerdictArgs),
     /// Two robots of rooms drawn anew: how well the map knows their distance after a second of standing
     Baseline(baseline::BaselineArgs),
     /// Masks and tracks against truth: F, recall, precision; MOTA, IDF1, identity switches
@@ -72,6 +74,7 @@ fn main() -> ExitCode {
         Some(Command::Efficiency(args)) => efficiency::run(&args),
         Some(Command::Guidance(args)) => guidance::run(&args),
         Some(Command::Peers(args)) => peers::run(&args),
+        Some(Command::Verdict(args)) => peers::run_verdict(&args),
         Some(Command::Baseline(args)) => baseline::run(&args),
         Some(Command::Score(args)) => score::run(&args),
         Some(Command::Scale(args)) => scale::run(&args),

@@ -2,18 +2,22 @@
 //!
 //! Every layout is a room of its own ([`layout`]); one robot looks about in it for a second. The renderer's book of what each
 //! pixel shows says how much of a robot could be seen; positions are known exactly ([`trial`]). Figures are by marker and
-//! range ([`statistics`]), and by what stands before a robot ([`hidden`]).
+//! range ([`statistics`]), and by what stands before a robot ([`hidden`]). What was fitted teaches what tells robots from other
+//! things ([`verdict`]).
 
 pub mod hidden;
 pub mod layout;
 pub mod pictures;
 pub mod statistics;
 pub mod trial;
+pub mod verdict;
 
 use crate::parallel;
 use crate::scenario::CameraSpec;
+pub use layout::Team;
 pub use statistics::Report;
 use trial::{Eyes, Sighting, View};
+use verdict::Example;
 
 /// What is to be rendered.
 #[derive(Debug, Clone)]
@@ -28,8 +32,17 @@ pub struct Plan {
     pub threads: usize,
     /// Whether there are any robots to see: without, every sighting is a false one.
     pub robots: bool,
+    /// What they wear.
+    pub team: Team,
     /// Of the robot that looks.
     pub camera: CameraSpec,
+}
+
+impl Plan {
+    /// The robots of a layout that may be seen.
+    fn seen(&self) -> Option<Team> {
+        self.robots.then_some(self.team)
+    }
 }
 
 /// Why there are no figures or pictures.
@@ -46,6 +59,8 @@ pub struct Outcome {
     pub views: Vec<Vec<View>>,
     /// What was sighted, a list a picture.
     pub sightings: Vec<Vec<Sighting>>,
+    /// What the detector fitted cylinders to, labelled.
+    pub fits: Vec<Example>,
     /// Mean time of the detector, microseconds a picture.
     pub detector_us: f64,
 }

@@ -23,6 +23,7 @@ use super::rings::{self, RingFit};
 use super::search::{Candidate, Grid, Search};
 use super::{Before, Find, Peer, PeerFeature, Timings};
 use crate::optics::MountedCamera;
+pub use credible::Traits;
 use protocol::message::observation::FeaturePart;
 
 /// What remains of an outline's error when noise has averaged out: shading, sampling, the lens. Pixels.
@@ -68,6 +69,8 @@ const BARRED_EDGE_FLOOR_PX: f64 = 0.3;
 const BAR_FLOOR_PX: f64 = 0.12;
 /// Of a heading from bars that are too narrow to be measured one by one.
 const HEADING_FLOOR_RAD: f64 = 0.01;
+/// Most fits that are kept for whoever asks for them.
+const MOST_FITS: usize = 4096;
 /// Most peers of one picture.
 const MAX_PEERS: usize = 16;
 
@@ -82,6 +85,19 @@ pub struct CylinderFinder {
     samples: Vec<Sample>,
     /// Of the sensor in the picture at hand, squared grey levels.
     noise2: f64,
+    /// What was fitted, where that is asked for.
+    fits: Option<Vec<Fit>>,
+}
+
+/// Something that a cylinder was fitted to.
+#[derive(Debug, Clone)]
+pub struct Fit {
+    /// The robot that it would be.
+    pub peer: Peer,
+    /// What speaks for that.
+    pub traits: Traits,
+    /// Whether it was taken for one.
+    pub is_taken: bool,
 }
 
 /// Which part of a body a finder looks for.
@@ -119,12 +135,17 @@ impl CylinderFinder {
         let search = Search::new(grid, &look, camera.viewpoint_body_m().z, lowest);
         let reach = Reach::new(&look, camera.viewpoint_body_m().z, lowest);
         let near_search = NearSearch::new(grid, &look, camera.viewpoint_body_m().z, &reach);
-        Self { look, part, search, near_search, reach, samples: Vec::new(), noise2: 0.0 }
+        Self { look, part, search, near_search, reach, samples: Vec::new(), noise2: 0.0, fits: None }
     }
 
     /// Bytes of the panorama that the search expects.
     pub fn panorama_len(&self) -> usize {
         self.search.len()
+    }
+
+    /// What was fitted since the last call, robot or not; kept from the first call on.
+    pub fn take_fits(&mut self) -> Vec<Fit> {
+        self.fits.replace(Vec::new()).unwrap_or_default()
     }
 
     #[cfg(test)]
@@ -171,7 +192,18 @@ impl CylinderFinder {
                 continue;
             }
             let Some(found) = self.look_closer(camera, rays, raw, candidate, &hidden) else { continue };
-            let Some(peer) = self.verdict(camera, &found) else { continue };
+            let traits = self.traits(camera, &found);
+            let is_taken = self.is_credible(&found, &traits);
+            if !is_taken && self.fits.is_none() {
+                continue;
+            }
+            let Some(peer) = self.measured(camera, &found) else { continue };
+            if let Some(fits) = self.fits.as_mut().filter(|fits| fits.len() < MOST_FITS) {
+                fits.push(Fit { peer: peer.clone(), traits, is_taken });
+            }
+            if !is_taken {
+                continue;
+            }
             if before.iter().any(|find| overlap(&find.peer, &peer, &self.look)) {
                 continue;
             }
@@ -358,16 +390,14 @@ impl CylinderFinder {
         fine.then_some(fit)
     }
 
-    fn verdict(&self, camera: &MountedCamera, found: &Found) -> Option<Peer> {
+    /// The robot that a fit would be.
+    fn measured(&self, camera: &MountedCamera, found: &Found) -> Option<Peer> {
         let rings = &found.rings;
         let mount = mount(camera);
         let look = &self.look;
         let body = rings.cylinder(look.radius_m);
         let half = body.outline_rad;
         let (seen, has_bars) = (found.outlines(), found.has_bars());
-        if !self.is_credible(camera, found) {
-            return None;
-        }
         let edge = |fit: &Option<EdgeFit>, sign: f64| {
             fit.map(|fit| {
                 let bearing = protocol::angle::wrap(rings.bearing_rad + sign * (half + fit.outwards_rad));

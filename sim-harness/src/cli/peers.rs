@@ -7,7 +7,7 @@ use clap::Args;
 use indicatif::ProgressBar;
 
 use super::record::Format;
-use crate::peers::{self, Plan, Report, statistics};
+use crate::peers::{self, Plan, Report, Team, statistics, verdict};
 use crate::scenario::{CameraSpec, Scenario};
 
 /// Arguments of `peers`.
@@ -28,27 +28,52 @@ pub struct PeersArgs {
     /// Rooms without any robot to see: every sighting is a false one
     #[arg(long)]
     without_robots: bool,
+    /// Nobody in the team wears bars: rings and plates alone
+    #[arg(long)]
+    plain: bool,
     /// Threads
     #[arg(long, default_value_t = 2, value_parser = clap::value_parser!(u32).range(1..=64))]
     threads: u32,
     /// Writes report.json, table.txt, faults.txt and a picture of each fault there
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
+    /// Writes what cylinders were fitted to, with the truth, a line of JSON each: for `sim-harness verdict`
+    #[arg(long, value_name = "FILE")]
+    fits: Option<PathBuf>,
     /// How to report
     #[arg(long, value_enum, default_value_t = Format::Text)]
     format: Format,
 }
 
+/// Arguments of `verdict`.
+#[derive(Debug, Clone, Args)]
+pub struct VerdictArgs {
+    /// As `peers --fits` writes them
+    #[arg(required = true, value_name = "FILE")]
+    fits: Vec<PathBuf>,
+}
+
 /// Does it; gives the exit code.
-#[allow(clippy::print_stderr)]
 pub fn run(args: &PeersArgs) -> u8 {
-    match work(args) {
+    told("peers", work(args))
+}
+
+/// `sim-harness verdict`: the weights with which the detector tells robots from other things, learnt from fits.
+pub fn run_verdict(args: &VerdictArgs) -> u8 {
+    let examples = args.fits.iter().map(|path| verdict::read(path)).collect::<Result<Vec<_>, _>>();
+    let learnt = examples.and_then(|examples| verdict::learn(&examples.concat()));
+    told("verdict", learnt.map_err(|e| Failure::of(2)(&e)))
+}
+
+#[allow(clippy::print_stderr)]
+fn told(command: &str, text: Result<String, Failure>) -> u8 {
+    match text {
         Ok(text) => {
             println!("{}", text.trim_end());
             0
         }
         Err(failure) => {
-            eprintln!("sim-harness peers: {}", failure.why);
+            eprintln!("sim-harness {command}: {}", failure.why);
             failure.exit_code
         }
     }
@@ -79,6 +104,7 @@ fn work(args: &PeersArgs) -> Result<String, Failure> {
         seed: args.seed,
         threads: args.threads as usize,
         robots: !args.without_robots,
+        team: if args.plain { Team::Plain } else { Team::Mixed },
         camera,
     };
     let bar = ProgressBar::new(layouts as u64);
@@ -96,6 +122,9 @@ fn work(args: &PeersArgs) -> Result<String, Failure> {
             std::fs::write(&path, text).map_err(|e| failed(&format_args!("{}: {e}", path.display())))?;
         }
         peers::pictures::write(&plan, &outcomes, &report, out).map_err(|e| failed(&e))?;
+    }
+    if let Some(path) = &args.fits {
+        verdict::write(path, outcomes.iter().flat_map(|o| &o.fits)).map_err(|e| failed(&e))?;
     }
     Ok(match args.format {
         Format::Text => text,

@@ -52,16 +52,16 @@ const CODES: [[(f64, u8); 6]; 4] = [
 /// Tries of a seed before the next one is taken.
 const TRIES: usize = 200;
 
-/// The scenario and world of a seed. The first robot is the observer; without `robots` it is alone.
-pub fn draw(camera: &CameraSpec, seed: u64, duration_s: f64, robots: bool) -> Option<(Scenario, World)> {
+/// The scenario and world of a seed. The first robot is the observer; without a `team` it is alone.
+pub fn draw(camera: &CameraSpec, seed: u64, duration_s: f64, team: Option<Team>) -> Option<(Scenario, World)> {
     (0..TRIES as u64).find_map(|n| {
         let mut rng = ChaCha12Rng::seed_from_u64(seed.wrapping_mul(0x1_0000).wrapping_add(n));
-        let scenario = scenario(camera, duration_s, robots, &mut rng)?;
+        let scenario = scenario(camera, duration_s, team, &mut rng)?;
         World::new(&scenario, seed).ok().map(|world| (scenario, world))
     })
 }
 
-fn scenario(camera: &CameraSpec, duration_s: f64, robots: bool, rng: &mut ChaCha12Rng) -> Option<Scenario> {
+fn scenario(camera: &CameraSpec, duration_s: f64, team: Option<Team>, rng: &mut ChaCha12Rng) -> Option<Scenario> {
     let size_m = [rng.random_range(5.0..11.0), rng.random_range(4.0..9.0), rng.random_range(2.4..3.2)];
     let half = [0.5 * size_m[0], 0.5 * size_m[1]];
     let inside =
@@ -82,7 +82,7 @@ fn scenario(camera: &CameraSpec, duration_s: f64, robots: bool, rng: &mut ChaCha
     let floor = Floor::new([size_m[0], size_m[1]], &furnishing::blocks(&furniture));
     let place = |x: f64, y: f64| nalgebra::Vector2::new(x, y);
 
-    let wears = if robots { wears(rng) } else { Vec::new() };
+    let wears = team.map_or_else(Vec::new, |team| team.wears(rng));
     let mut poses = vec![[observer[0], observer[1], rng.random_range(-180.0..180.0)]];
     let mut wear = Vec::new();
     for marker in wears {
@@ -112,28 +112,50 @@ fn scenario(camera: &CameraSpec, duration_s: f64, robots: bool, rng: &mut ChaCha
     })
 }
 
-/// One robot of each kind, sometimes a second one with rings.
-fn wears(rng: &mut impl Rng) -> Vec<WearSpec> {
-    let code = CODES[rng.random_range(0..CODES.len())];
-    let mut wears = vec![WearSpec::Rings, equal_bars(), coded(&code), plate()];
-    if rng.random_bool(0.5) {
-        wears.push(WearSpec::Rings);
+/// What robots wear.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Team {
+    /// One robot of each kind, sometimes a second one with rings.
+    Mixed,
+    /// Three robots with rings and one with a plate: nobody has bars.
+    Plain,
+}
+
+impl Team {
+    /// Of one layout.
+    fn wears(self, rng: &mut impl Rng) -> Vec<WearSpec> {
+        let mut wears = match self {
+            Self::Plain => vec![WearSpec::Rings, WearSpec::Rings, WearSpec::Rings, plate()],
+            Self::Mixed => {
+                let code = CODES[rng.random_range(0..CODES.len())];
+                let mut wears = vec![WearSpec::Rings, equal_bars(), coded(&code), plate()];
+                if rng.random_bool(0.5) {
+                    wears.push(WearSpec::Rings);
+                }
+                wears
+            }
+        };
+        // Each kind is the first to be placed as often as the others.
+        let turn = rng.random_range(0..wears.len());
+        wears.rotate_left(turn);
+        wears
     }
-    // Each kind is the first to be placed as often as the others.
-    let turn = rng.random_range(0..wears.len());
-    wears.rotate_left(turn);
-    wears
+
+    /// What any robot of any layout may wear: the fellows that a detector knows of.
+    pub fn worn(self) -> Vec<WearSpec> {
+        match self {
+            Self::Plain => vec![WearSpec::Rings, plate()],
+            Self::Mixed => {
+                let coded = CODES.iter().map(|code| coded(code));
+                [WearSpec::Rings, equal_bars(), plate()].into_iter().chain(coded).collect()
+            }
+        }
+    }
 }
 
 fn coded(code: &[(f64, u8)]) -> WearSpec {
     let (azimuths_deg, code): (Vec<f64>, Vec<u8>) = code.iter().copied().unzip();
     WearSpec::Bars { azimuths_deg, bar_width_deg: 15.0, code: Some(code) }
-}
-
-/// What any robot of any layout may wear: the fellows that a detector knows of.
-pub fn worn() -> Vec<WearSpec> {
-    let coded = CODES.iter().map(|code| coded(code));
-    [WearSpec::Rings, equal_bars(), plate()].into_iter().chain(coded).collect()
 }
 
 fn equal_bars() -> WearSpec {
@@ -200,7 +222,8 @@ mod tests {
     #[test]
     fn layouts_are_drawn_anew_by_their_seeds_and_hold_every_kind_of_marker() {
         let camera = CameraSpec::default();
-        let drawn: Vec<Scenario> = (0..6).filter_map(|seed| draw(&camera, seed, 0.2, true)).map(|(s, _)| s).collect();
+        let drawn: Vec<Scenario> =
+            (0..6).filter_map(|seed| draw(&camera, seed, 0.2, Some(Team::Mixed))).map(|(s, _)| s).collect();
         assert_eq!(drawn.len(), 6);
         assert!(drawn.windows(2).all(|pair| pair[0].room != pair[1].room));
         let kinds =
@@ -209,6 +232,6 @@ mod tests {
         assert!(kinds(&|w| matches!(w, WearSpec::Bars { code: None, .. })) >= 3);
         assert!(kinds(&|w| matches!(w, WearSpec::Bars { code: Some(_), .. })) >= 3);
         assert!(kinds(&|w| matches!(w, WearSpec::Plate { .. })) >= 3);
-        assert_eq!(draw(&camera, 3, 0.2, true).map(|(s, _)| s).as_ref(), Some(&drawn[3]));
+        assert_eq!(draw(&camera, 3, 0.2, Some(Team::Mixed)).map(|(s, _)| s).as_ref(), Some(&drawn[3]));
     }
 }

@@ -5,7 +5,15 @@ use crate::scenario::{Scenario, WearOf, WearSpec};
 
 #[test]
 fn robots_in_rooms_drawn_anew_are_found_where_they_are() {
-    let plan = Plan { layouts: 3, pictures: 1, seed: 6, threads: 2, robots: true, camera: CameraSpec::default() };
+    let plan = Plan {
+        layouts: 3,
+        pictures: 1,
+        seed: 6,
+        threads: 2,
+        robots: true,
+        team: Team::Mixed,
+        camera: CameraSpec::default(),
+    };
     let report = statistics::report(&run(&plan, &|| {}).unwrap());
     assert_eq!((report.layouts, report.pictures), (3, 3));
     let cylinders: Vec<_> = report.cells.iter().filter(|c| c.marker == "cylinder").collect();
@@ -65,23 +73,4 @@ fn assert_place(peer: &robot_agent::peers::Peer, range_m: f64, sigma_m: std::ops
     let error = nalgebra::Vector2::new(peer.bearing_rad, peer.range_m - range_m);
     let chi2 = (error.transpose() * peer.covariance.try_inverse().unwrap() * error)[0];
     assert!(chi2 < 11.8 && sigma_m.contains(&peer.range_sigma_m()), "{chi2} {peer:?}");
-}
-
-#[test]
-#[ignore = "a measurement: PICTURES=100 cargo test --workspace --lib peers::tests::measure -- --ignored --nocapture"]
-fn measure() {
-    let number = |name: &str, or: usize| std::env::var(name).ok().and_then(|n| n.parse().ok()).unwrap_or(or);
-    let plan = Plan {
-        layouts: number("LAYOUTS", 60),
-        pictures: number("PICTURES", 1),
-        seed: number("SEED", 0) as u64,
-        threads: 2,
-        robots: true,
-        camera: CameraSpec::default(),
-    };
-    let report = statistics::report(&run(&plan, &|| {}).unwrap());
-    println!("{}", crate::cli::peers::table(&report));
-    for fault in &report.faults {
-        println!("seed {} picture {}: {}", fault.seed, fault.picture, fault.what);
-    }
 }

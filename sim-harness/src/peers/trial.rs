@@ -10,7 +10,7 @@ use robot_agent::optics::{CameraFile, MountedCamera};
 use robot_agent::panorama::{Lut, PanoramaGeometry};
 use robot_agent::peers::{Grid, Peer, PeerDetector};
 
-use super::{Outcome, PeersError, Plan, layout};
+use super::{Outcome, PeersError, Plan, layout, verdict};
 use crate::render::Renderer;
 use crate::render::rays::Rays;
 use crate::scenario::{CameraSpec, WearSpec};
@@ -118,6 +118,19 @@ pub struct View {
     pub before: Before,
 }
 
+impl View {
+    /// From where a sighting says it is, along the floor, metres.
+    pub(super) fn apart_m(&self, peer: &Peer) -> f64 {
+        let side = 2.0 * (0.5 * turned(self.bearing_rad - peer.bearing_rad)).sin();
+        ((self.range_m - peer.range_m).powi(2) + self.range_m * peer.range_m * side * side).sqrt()
+    }
+
+    /// What is sighted nearer than this may be it, metres.
+    pub(super) fn reach_m(&self) -> f64 {
+        0.2 + 0.05 * self.range_m
+    }
+}
+
 /// What the detector said.
 #[derive(Debug, Clone)]
 pub struct Sighting {
@@ -129,7 +142,7 @@ pub struct Sighting {
 
 /// A picture of a layout, unwarped.
 pub(super) fn panorama(eyes: &Eyes, plan: &Plan, seed: u64, picture: usize) -> Option<image::GrayImage> {
-    let (_, world) = layout::draw(&eyes.spec, seed, PERIOD_S * plan.pictures as f64, plan.robots)?;
+    let (_, world) = layout::draw(&eyes.spec, seed, PERIOD_S * plan.pictures as f64, plan.seen())?;
     let picture = Renderer::of_first(&Arc::new(world), &eyes.rays).render(PERIOD_S * picture as f64);
     let mut panorama = vec![0; eyes.geometry.pixels()];
     eyes.lut.unwarp(&picture.gray, &mut panorama).ok()?;
@@ -156,21 +169,22 @@ pub fn follow(eyes: &Eyes, scenario: &crate::scenario::Scenario, pictures: usize
 /// Renders a layout's pictures and looks for robots in them.
 pub fn look(eyes: &Eyes, plan: &Plan, seed: u64) -> Outcome {
     let pictures = plan.pictures;
-    let mut outcome = Outcome { seed, views: Vec::new(), sightings: Vec::new(), detector_us: 0.0 };
-    let drawn = layout::draw(&eyes.spec, seed, PERIOD_S * pictures as f64, plan.robots);
+    let mut outcome = Outcome { seed, views: Vec::new(), sightings: Vec::new(), fits: Vec::new(), detector_us: 0.0 };
+    let drawn = layout::draw(&eyes.spec, seed, PERIOD_S * pictures as f64, plan.seen());
     let Some((scenario, world)) = drawn else { return outcome };
     let world = Arc::new(world);
     let mut renderer = Renderer::of_first(&world, &eyes.rays);
     let mut fellows: Vec<(Option<RobotId>, protocol::marker::Marker)> =
         scenario.robot_ids().iter().skip(1).map(|id| (Some(*id), scenario.marker_of(id))).collect();
     // The team has fellows elsewhere: the detector must not take one for another, or anything else for them.
-    for (n, wear) in layout::worn().iter().enumerate() {
+    for (n, wear) in plan.team.worn().iter().enumerate() {
         let marker = wear.marker(None);
         if fellows.iter().all(|(_, m)| *m != marker) {
             fellows.push((RobotId::new(&format!("away{n}")).ok(), marker));
         }
     }
     let mut detector = PeerDetector::for_team(&eyes.camera, eyes.grid, &fellows);
+    detector.take_fits();
     let mut panorama = vec![0; eyes.geometry.pixels()];
     let first = world.at(0.0);
     let mut spent_us = 0.0;
@@ -193,6 +207,7 @@ pub fn look(eyes: &Eyes, plan: &Plan, seed: u64) -> Outcome {
         let start = Instant::now();
         let peers = detector.detect(&picture.gray, &panorama);
         spent_us += start.elapsed().as_secs_f64() * 1e6;
+        outcome.fits.extend(verdict::label(seed, n, detector.take_fits(), &views));
         outcome.sightings.push(matched(peers, &views));
         outcome.views.push(views);
     }
@@ -248,13 +263,9 @@ fn matched(peers: Vec<Peer>, views: &[View]) -> Vec<Sighting> {
     peers
         .into_iter()
         .map(|peer| {
-            let apart = |v: &View| {
-                let side = 2.0 * (0.5 * turned(v.bearing_rad - peer.bearing_rad)).sin();
-                ((v.range_m - peer.range_m).powi(2) + v.range_m * peer.range_m * side * side).sqrt()
-            };
             let near = (0..views.len())
-                .filter(|n| !taken[*n] && apart(&views[*n]) < 0.2 + 0.05 * views[*n].range_m)
-                .min_by(|a, b| apart(&views[*a]).total_cmp(&apart(&views[*b])));
+                .filter(|n| !taken[*n] && views[*n].apart_m(&peer) < views[*n].reach_m())
+                .min_by(|a, b| views[*a].apart_m(&peer).total_cmp(&views[*b].apart_m(&peer)));
             if let Some(n) = near {
                 taken[n] = true;
             }

@@ -1,31 +1,82 @@
 //! Whether what was fitted is a robot.
 //!
 //! Problem: shelves, chairs, blinds and striped boxes fit a painted cylinder here and there. Insight: they do not in everything at
-//! once: paint, bend, outlines, bars. Algorithm: the fewer outlines confirm a body, the better everything else must be; rings beyond
-//! all doubt, or bars that are one robot's and nobody else's, need no outline at all.
+//! once: paint, bend, outlines, bars. Algorithm: logistic regression. Each trait of a fit says something for or against a robot, in
+//! nats; the weights are learnt from labelled fits, and what is taken for a robot is one by odds of [`LEAST_LOG_ODDS`].
+//!
+//! The weights are of 12,480 fits: 700 rooms with robots (seeds 500000 and 510000) and 800 without (600000, 610000), 220 and 250 of teams
+//! in which nobody wears bars (520000, 620000), 150 and 150 through a camera of half the resolution (`--camera-of tiny`; 530000,
+//! 630000). They are made anew with `sim-harness peers --fits FILE` for each of these, and `sim-harness verdict FILE…`.
 
-use super::super::edges::EdgeFit;
 use super::super::rings::RingFit;
-use super::{BEND_GATE, CylinderFinder, Found, LEAST_CORRELATION, Part, RANGE_SLACK, height_sigma_m};
+use super::{BEND_GATE, CylinderFinder, Found, Part, height_sigma_m};
 use crate::optics::MountedCamera;
 
-/// What the rings must reach, by the number of outlines that confirm them: fewer outlines, less doubt. A fitted robot has a
-/// correlation of 0.99 and a paint error of 0.02; shelves and chair legs stay below 0.97 and above 0.05.
-const DOUBT: [Doubt; 3] = [
-    Doubt { correlation: 0.98, paint: 0.06, bend: 0.25 },
-    Doubt { correlation: 0.97, paint: 0.07, bend: 0.35 },
-    Doubt { correlation: 0.95, paint: 0.09, bend: 0.45 },
+/// A trait and what one unit of it says for a robot, nats.
+type Weight = (&'static str, f64);
+
+/// Of bodies of which rings are seen.
+const RINGS: [Weight; 18] = [
+    ("any", -4.094),
+    // Share of the columns that show the rings.
+    ("visible", 0.788),
+    // −ln of the RMS error of the reflectances.
+    ("paint", 0.232),
+    // Gray level of black over white's less black's, 0 … 0.4: black paint is nearly black.
+    ("black", -10.115),
+    // The bend's squared distance from a cylinder's in sigmas, 0 … 16, and ln of its sigma: a test that could not fail says nothing.
+    ("bend", -0.204),
+    ("bend unknown", -0.650),
+    // One outline, a second one, and how far they are from where the rings put them, pixels squared.
+    ("outline", 1.860),
+    ("two outlines", 1.944),
+    ("outlines' way", -0.804),
+    // What does not fit of the bars, 0 … 4; no other pattern would do; it is a body without bars in a team with bars; bars that are
+    // measured by themselves, 0 … 3.
+    ("bars' misfit", -0.280),
+    ("bars are certain", 1.258),
+    ("no bars", -0.295),
+    ("bars", 1.703),
+    // Nobody in the team wears bars.
+    ("plain team", 0.564),
+    // Metres beyond 4 m.
+    ("far", -0.824),
+    // The upper part alone.
+    ("upper part", -0.900),
+    // Squared sigmas by which it stands too low or high, 0 … 9.
+    ("height", -0.465),
+    // ln of contrast over noise.
+    ("contrast", 0.530),
 ];
-/// Black paint is nearly black: gray level of black over white's less black's.
-const MOST_BLACK: f64 = 0.3;
+/// Of bodies so near that the marker's upper end alone is seen ([`super::super::near`]).
+const RIM: [Weight; 15] = [
+    ("any", -25.171),
+    // Share of the columns in which the upper end is where the curve says, what is missing to 0.75, and tenths above 0.9.
+    ("visible", 15.744),
+    ("hardly visible", 28.009),
+    ("wholly visible", 0.991),
+    ("outline", 2.862),
+    ("two outlines", 4.566),
+    ("outlines' way", -1.215),
+    // Bars were read at all.
+    ("bars are read", 1.535),
+    ("bars' misfit", -1.690),
+    // No other name would do.
+    ("named", 3.758),
+    ("no bars", -3.047),
+    ("bars", 1.228),
+    ("plain team", 0.205),
+    // Metres beyond where a ring edge comes into view.
+    ("ring edge", -1.180),
+    ("contrast", 1.826),
+];
+/// Log-odds that a fit must have to be taken for a robot.
+const LEAST_LOG_ODDS: f64 = 1.2;
+
 /// Beyond, a body of 0.2 m is 14 pixels wide and much looks like it, metres.
 const FARTHEST_M: f64 = 6.2;
-/// Beyond, the corner of a striped box bends as a cylinder does: both outlines must be there, metres.
-const FARTHEST_ONE_SIDED_M: f64 = 4.0;
-/// A flat board bends by −1: nothing is a cylinder that is nearer to it than this.
-const FLATTEST: f64 = -0.6;
-/// A flat board must fit worse than a cylinder by this much χ², by the number of outlines.
-const ROUND_CHI2: [f64; 3] = [9.0, 9.0, 4.0];
+/// An outline further from where the rings put it says no more, pixels.
+const MOST_WAY_PX: f64 = 2.0;
 
 /// Rings beyond all doubt: see [`CylinderFinder::is_plain`].
 const PLAIN_M: f64 = 3.2;
@@ -39,92 +90,76 @@ const PLAIN_BEND: f64 = 0.35;
 const PLAIN_ROUND_CHI2: f64 = 6.0;
 /// Sigmas of the height, as mounting and fit leave it open.
 const PLAIN_HEIGHT: f64 = 2.0;
-/// Bodies without bars, in a team with bars, that are wholly seen this far away correlate like this: of 150 true ones none was
-/// below, of 14 false ones two.
-const PLAIN_RANGE_M: std::ops::Range<f64> = 1.5..3.2;
-const WHOLLY_SEEN: f64 = 0.9;
-const LEAST_WITHOUT_BARS: f64 = 0.985;
-/// Bars that are one robot's and nobody else's and fit like this need no outline: in 300 rooms without robots the two that were
-/// certain fitted with 1.7 and 2.4. In 900 with robots three more were none, further away than rings are beyond doubt or by one edge
-/// between two rings.
-const WORST_SPELT: f64 = 1.2;
-const LEAST_SPELT_EDGES: usize = 2;
-/// Share of the columns in which the upper end must be where the curve says: of 30 true bodies the least was 0.93, what else was
-/// fitted reached 0.8.
-const LEAST_RIM: f64 = 0.85;
-/// The same where bars are read: so many, each column no worse than this.
-const LEAST_READ_RIM: f64 = 0.7;
-const LEAST_READ_BARS: usize = 3;
-const WORST_READ: f64 = 1.5;
-/// The same with one outline and neither enough bars nor a name: of true bodies the least was 0.97, plates and tables came to 0.94.
+/// Share of the columns in which the upper end of a body without a reading of its bars must be where the curve says: of true bodies the
+/// least was 0.97, plates and tables came to 0.94.
 pub(super) const LEAST_LONE_RIM: f64 = 0.96;
-/// How far the only outline may be from where rings put it, pixels, and how many sigmas beyond [`BEND_GATE`] their bend may be.
-const LONE_WAY_PX: f64 = 0.8;
-const LONE_BEND: f64 = 2.5;
-/// With less than two outlines and this share of the columns it must be clear which bars they show.
-const LEAST_UNCLEAR: f64 = 0.7;
 
-/// Limits of a verdict.
-struct Doubt {
-    correlation: f64,
-    paint: f64,
-    /// Largest standard deviation of the bend: the test must have had a chance to fail.
-    bend: f64,
+/// What speaks for and against a fit's being a robot.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Traits {
+    /// Of the marker's upper end alone.
+    pub is_rim: bool,
+    /// In the order of [`Traits::names`].
+    pub values: Vec<f64>,
+}
+
+impl Traits {
+    /// What each value is of.
+    pub fn names(is_rim: bool) -> impl Iterator<Item = &'static str> {
+        weights(is_rim).iter().map(|(name, _)| *name)
+    }
+
+    /// ln of the odds that it is a robot.
+    pub fn log_odds(&self) -> f64 {
+        weights(self.is_rim).iter().zip(&self.values).map(|((_, weight), value)| weight * value).sum()
+    }
+}
+
+fn weights(is_rim: bool) -> &'static [Weight] {
+    if is_rim { &RIM } else { &RINGS }
 }
 
 impl CylinderFinder {
     /// Whether it is.
-    pub(super) fn is_credible(&self, camera: &MountedCamera, found: &Found) -> bool {
-        let (look, rings) = (&self.look, &found.rings);
-        let range_m = rings.near_m + look.radius_m;
-        // Bars from side to side are as good as outlines.
-        let (seen, has_bars) = (found.outlines(), found.has_bars());
-        let doubt = &DOUBT[seen];
-        let reading = found.reading.as_ref();
-        let is_unclear = look.is_barred() && reading.is_none_or(|r| !r.is_named);
-        let is_read = reading.is_some_and(|r| r.bars.len() >= LEAST_READ_BARS && r.misfit < WORST_READ);
-        let is_spelt = reading.is_some_and(|r| r.is_certain && r.misfit < WORST_SPELT)
-            && rings.near_m < PLAIN_M
-            && rings.edges_seen >= LEAST_SPELT_EDGES
-            && !rings.is_rim;
-        let is_certain = is_spelt || seen > 0 && reading.is_some_and(|r| r.is_certain);
-        let is_plain = self.is_plain(rings, camera);
-        let is_told = reading.is_some() || !look.is_barred();
+    pub(super) fn is_credible(&self, found: &Found, traits: &Traits) -> bool {
+        found.rings.near_m + self.look.radius_m <= FARTHEST_M && traits.log_odds() >= LEAST_LOG_ODDS
+    }
 
-        // A body without bars correlates better than one with them.
-        let is_without_bars = reading.is_some_and(|r| look.patterns[r.pattern].bars.is_empty());
-        let is_whole = rings.visible > WHOLLY_SEEN && PLAIN_RANGE_M.contains(&range_m) && !rings.is_rim;
-        let correlation = match is_certain {
-            true => LEAST_CORRELATION,
-            false if is_without_bars && is_whole => doubt.correlation.max(LEAST_WITHOUT_BARS),
-            false => doubt.correlation,
+    /// What speaks for and against it.
+    pub(super) fn traits(&self, camera: &MountedCamera, found: &Found) -> Traits {
+        let (look, rings) = (&self.look, &found.rings);
+        let given = |is: bool| f64::from(u8::from(is));
+        let range_m = rings.near_m + look.radius_m;
+        let reading = found.reading.as_ref();
+        let way = |fit: &super::EdgeFit| (fit.outwards_rad * fit.px_per_rad).clamp(-MOST_WAY_PX, MOST_WAY_PX).powi(2);
+        let outlines = [
+            given(found.outlines() > 0),
+            given(found.outlines() == 2),
+            found.left.iter().chain(&found.right).map(way).sum::<f64>(),
+        ];
+        let misfit = reading.map_or(0.0, |r| r.misfit.min(4.0));
+        let has_none = given(reading.is_some_and(|r| look.patterns[r.pattern].bars.is_empty()));
+        let bars = reading.map_or(0.0, |r| r.bars.len().min(3) as f64);
+        let is_plain_team = given(!look.is_barred());
+        let contrast = (rings.gain.max(0.1) / rings.noise.max(0.3)).ln();
+        let values = if rings.is_rim {
+            let named = given(reading.is_some_and(|r| r.is_named));
+            let visible = [rings.visible, (0.75 - rings.visible).max(0.0), 10.0 * (rings.visible - 0.9).max(0.0)];
+            let read = [given(reading.is_some()), misfit, named, has_none, bars, is_plain_team];
+            let beyond = range_m - self.reach.one_edge_m;
+            [&[1.0][..], &visible, &outlines, &read, &[beyond, contrast]].concat()
+        } else {
+            let [bend, sigma] = rings.bend;
+            let bent = (0.5 * BEND_GATE - bend.abs()).min(0.0).powi(2) / (sigma * sigma + 0.03 * 0.03);
+            let low = (rings.lower_m / height_sigma_m(rings, camera).max(0.004)).powi(2);
+            let paint = [-(rings.paint_error(look) + 0.01).ln(), rings.black(look).clamp(0.0, 0.4)];
+            let certain = given(reading.is_some_and(|r| r.is_certain));
+            let read = [misfit, certain, has_none, bars, is_plain_team];
+            let place = [(range_m - 4.0).max(0.0), given(self.part == Part::Upper), low.min(9.0)];
+            let bend = [bent.min(16.0), sigma.max(0.02).ln()];
+            [&[1.0, rings.visible][..], &paint, &bend, &outlines, &read, &place, &[contrast]].concat()
         };
-        let is_painted = rings.correlation >= correlation
-            && rings.paint_error(look) <= doubt.paint
-            && rings.black(look) <= MOST_BLACK;
-        let is_bent =
-            is_certain || rings.bend[1] <= doubt.bend && is_round(rings, ROUND_CHI2[seen]) && rings.bend[0] >= FLATTEST;
-        let is_clear = seen == 2 || rings.visible >= LEAST_UNCLEAR || !is_unclear || is_plain;
-        let is_there = match seen {
-            // A striped box of which a corner is hidden bends, too.
-            0 => is_plain || is_spelt || rings.visible >= 0.5 && (is_read || rings.edges_seen >= 2 && has_bars),
-            1 => has_bars || is_trusty(rings, found.left.or(found.right)),
-            _ => true,
-        };
-        // Soon a ring edge is in view, too: a curve with one outline, or with unknown bars, is something else.
-        let is_soon = range_m > self.reach.one_edge_m / RANGE_SLACK;
-        let is_rim = !rings.is_rim
-            || !(is_soon && (is_unclear || seen < 2 && !is_read))
-                && (seen == 2 || is_read || is_certain || seen == 1 && is_told && rings.visible >= LEAST_LONE_RIM)
-                && rings.visible >= if is_read { LEAST_READ_RIM } else { LEAST_RIM };
-        is_painted
-            && is_bent
-            && is_clear
-            && is_there
-            && is_rim
-            && (self.part == Part::Whole || is_plain || is_spelt)
-            && range_m <= FARTHEST_M
-            && (seen == 2 || range_m <= FARTHEST_ONE_SIDED_M || is_certain)
+        Traits { is_rim: rings.is_rim, values }
     }
 
     /// Whether the rings are there beyond all doubt, whatever is before them and whatever bars they show. In 300 rooms without robots
@@ -141,12 +176,6 @@ impl CylinderFinder {
             && is_round(rings, PLAIN_ROUND_CHI2)
             && rings.lower_m.abs() <= PLAIN_HEIGHT * height_sigma_m(rings, camera)
     }
-}
-
-/// Whether the only outline is where the rings put it, and they bend as they should: a box's corner nearly does.
-fn is_trusty(rings: &RingFit, outline: Option<EdgeFit>) -> bool {
-    outline.is_some_and(|fit| (fit.outwards_rad * fit.px_per_rad).abs() < LONE_WAY_PX)
-        && rings.bend[0].abs() <= BEND_GATE + LONE_BEND * rings.bend[1]
 }
 
 /// Whether the rings bend as a cylinder's much rather than as a flat board's, which a single outline would not tell.
