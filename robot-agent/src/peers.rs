@@ -22,6 +22,7 @@ mod plate;
 mod rays;
 mod rings;
 mod search;
+mod verdict;
 
 use nalgebra::Matrix2;
 use protocol::angle::difference;
@@ -31,9 +32,10 @@ use protocol::message::observation::{Feature, FeaturePart, PeerSighting, Sighted
 use protocol::quantity::{Angle16, Fraction8, LogSigma, Millimetres};
 use protocol::time::Timestamp;
 
-pub use cylinder::{EDGE_FLOOR_PX, ELEVATION_FLOOR_PX, Fit, Traits};
+pub use cylinder::{EDGE_FLOOR_PX, ELEVATION_FLOOR_PX};
 pub use learn::{KnownView, LearnError, Learnt, learn};
 pub use search::Grid;
+pub use verdict::{Basis, Fit, Traits};
 
 use beacon::BeaconReader;
 use cylinder::{CylinderFinder, Part};
@@ -249,10 +251,11 @@ impl PeerDetector {
         peers
     }
 
-    /// What cylinders were fitted to since the last call, robots or not, at most some thousands; kept from the first call on. For learning
+    /// What cylinders and plates were fitted to since the last call, robots or not, at most some thousands; kept from the first call on. For learning
     /// what tells them apart.
     pub fn take_fits(&mut self) -> Vec<Fit> {
-        self.finders.iter_mut().flat_map(CylinderFinder::take_fits).collect()
+        let cylinders = self.finders.iter_mut().flat_map(CylinderFinder::take_fits);
+        cylinders.chain(self.plates.iter_mut().flat_map(PlateFinder::take_fits)).collect()
     }
 
     /// Places that the last call looked at closely.

@@ -9,7 +9,7 @@
 //! hides its sector for the candidates behind it.
 
 mod confirm;
-mod credible;
+pub(super) mod credible;
 
 use nalgebra::{Matrix2, Matrix2x3, Matrix3};
 
@@ -21,9 +21,9 @@ use super::near::{self, NearSearch, Reach, Rim};
 use super::rays::{PixelRays, Sample};
 use super::rings::{self, RingFit};
 use super::search::{Candidate, Grid, Search};
+use super::verdict::{Fit, Fits};
 use super::{Before, Find, Peer, PeerFeature, Timings};
 use crate::optics::MountedCamera;
-pub use credible::Traits;
 use protocol::message::observation::FeaturePart;
 
 /// What remains of an outline's error when noise has averaged out: shading, sampling, the lens. Pixels.
@@ -31,6 +31,7 @@ pub const EDGE_FLOOR_PX: f64 = 0.045;
 /// The same of a ring edge's elevation. Pixels.
 pub const ELEVATION_FLOOR_PX: f64 = 0.03;
 
+// Beyond these limits a fit is not worth a closer look; what remains is judged by all of its traits ([`credible`]).
 /// Least share of the inner columns that show the rings.
 const LEAST_VISIBLE: f64 = 0.35;
 /// Least mean correlation of those columns.
@@ -69,8 +70,6 @@ const BARRED_EDGE_FLOOR_PX: f64 = 0.3;
 const BAR_FLOOR_PX: f64 = 0.12;
 /// Of a heading from bars that are too narrow to be measured one by one.
 const HEADING_FLOOR_RAD: f64 = 0.01;
-/// Most fits that are kept for whoever asks for them.
-const MOST_FITS: usize = 4096;
 /// Most peers of one picture.
 const MAX_PEERS: usize = 16;
 
@@ -86,18 +85,7 @@ pub struct CylinderFinder {
     /// Of the sensor in the picture at hand, squared grey levels.
     noise2: f64,
     /// What was fitted, where that is asked for.
-    fits: Option<Vec<Fit>>,
-}
-
-/// Something that a cylinder was fitted to.
-#[derive(Debug, Clone)]
-pub struct Fit {
-    /// The robot that it would be.
-    pub peer: Peer,
-    /// What speaks for that.
-    pub traits: Traits,
-    /// Whether it was taken for one.
-    pub is_taken: bool,
+    fits: Fits,
 }
 
 /// Which part of a body a finder looks for.
@@ -135,7 +123,7 @@ impl CylinderFinder {
         let search = Search::new(grid, &look, camera.viewpoint_body_m().z, lowest);
         let reach = Reach::new(&look, camera.viewpoint_body_m().z, lowest);
         let near_search = NearSearch::new(grid, &look, camera.viewpoint_body_m().z, &reach);
-        Self { look, part, search, near_search, reach, samples: Vec::new(), noise2: 0.0, fits: None }
+        Self { look, part, search, near_search, reach, samples: Vec::new(), noise2: 0.0, fits: Fits::default() }
     }
 
     /// Bytes of the panorama that the search expects.
@@ -145,7 +133,7 @@ impl CylinderFinder {
 
     /// What was fitted since the last call, robot or not; kept from the first call on.
     pub fn take_fits(&mut self) -> Vec<Fit> {
-        self.fits.replace(Vec::new()).unwrap_or_default()
+        self.fits.take()
     }
 
     #[cfg(test)]
@@ -194,16 +182,16 @@ impl CylinderFinder {
             let Some(found) = self.look_closer(camera, rays, raw, candidate, &hidden) else { continue };
             let traits = self.traits(camera, &found);
             let is_taken = self.is_credible(&found, &traits);
-            if !is_taken && self.fits.is_none() {
+            if !is_taken && !self.fits.are_kept() {
                 continue;
             }
             let Some(peer) = self.measured(camera, &found) else { continue };
-            if let Some(fits) = self.fits.as_mut().filter(|fits| fits.len() < MOST_FITS) {
-                fits.push(Fit { peer: peer.clone(), traits, is_taken });
-            }
+            let fit = Fit { peer, traits, is_taken };
+            self.fits.keep(&fit);
             if !is_taken {
                 continue;
             }
+            let peer = fit.peer;
             if before.iter().any(|find| overlap(&find.peer, &peer, &self.look)) {
                 continue;
             }

@@ -5,10 +5,11 @@
 //! by all of its pixels, and the known width ties the two sides together. The back is painted in the negative, so the sign
 //! of the stripes says which side one looks at. Algorithm: as for rings (`super::rings`), with every column's light
 //! eliminated, on (direction of the normal, distance, height); then each side as an outline (`super::edges`); then the pose by
-//! least squares from two bearings and the plane. A striped box can look much like that: width and height must agree with
-//! the announced ones (χ²), no stripe may go on above, below or beside (`ends`), and where one edge between two stripes is in
-//! view the upper end must confirm it, if anything can be seen of it.
+//! least squares from two bearings and the plane. A striped box can look much like that: whether width and height agree with
+//! the announced ones (χ²), whether stripes go on above, below or beside (`ends`), and whether the upper end is where it should be, is
+//! weighed together ([`credible`]).
 
+pub(super) mod credible;
 mod ends;
 mod plane;
 mod rim;
@@ -22,9 +23,10 @@ use super::edges::{EdgeFit, Side};
 use super::look::{CylinderLook, PlateLook};
 use super::rays::{PixelRays, Sample};
 use super::search::Grid;
+use super::verdict::{Fit, Fits, Traits};
 use super::{Find, Peer, PeerFeature};
 use crate::optics::MountedCamera;
-use ends::{End, side_sigma};
+use ends::side_sigma;
 use plane::{Plane, PlaneFit};
 use rim::{RimSearch, SideShown};
 use search::{PlateCandidate, PlateSearch};
@@ -36,8 +38,14 @@ const OTHER_TURNS: [f64; 4] = [0.0, -0.2, 0.2, 0.5];
 const SURE: f64 = 0.985;
 /// Turned further than this from the observer nothing is said, radians.
 const MOST_TURN_RAD: f64 = 1.2;
-/// χ² of two numbers that one plate in 100 exceeds: its width and its height are what tell it from a striped box.
-const WORST_CHI2: f64 = 9.21;
+// Beyond these limits a fit is no plate; what remains is judged by all of its traits ([`credible`]).
+/// χ² of width or height beyond which two sides are not both the plate's.
+const WORST_CHI2: f64 = 25.0;
+/// From this χ² on, something may stand before one of the sides of a plate that seems too narrow, of which this share must show.
+const NARROW_CHI2: f64 = 9.0;
+const LEAST_SHOWN: f64 = 0.5;
+/// A side that something hides is where the width puts it, as surely as nothing, radians.
+const UNSEEN_SIGMA_RAD: f64 = 1.0;
 /// Another pair of sides whose χ² is larger by less is as good.
 const AS_GOOD_CHI2: f64 = 6.0;
 /// Poses nearer to each other than this, χ², are the same.
@@ -46,16 +54,8 @@ const SAME_CHI2: f64 = 0.5;
 const HEIGHT_FLOOR_M: f64 = 3e-3;
 /// Beyond, a plate is too few pixels for its stripes to be told from a cylinder's rings, metres.
 const FARTHEST_M: f64 = 5.0;
-/// Beside a plate is no more of it: a box goes round its corner. This far out is looked, as a share of the plate's width, and
-/// where more than this share of the columns goes on with the stripes it is a box.
-const BESIDE_SHARE: f64 = 0.2;
-const MOST_BESIDE: f64 = 0.4;
-/// Least share of the columns between the sides that show the stripes.
-const LEAST_FILLED: f64 = 0.75;
 /// The plane's distance is right to this share when noise has averaged out; its turn to this angle.
 const PLANE_FLOOR: [f64; 2] = [6e-3, 1.5e-3];
-/// Black paint is nearly black: chairs before a wall have such stripes in two greys. Gray level of black over white's less black's.
-const MOST_BLACK: f64 = 0.3;
 const MAX_PEERS: usize = 8;
 
 /// Finds plates of one look.
@@ -69,6 +69,19 @@ pub struct PlateFinder {
     samples: Vec<Sample>,
     /// Of the sensor in the picture at hand, squared grey levels.
     noise2: f64,
+    /// What was fitted, where that is asked for.
+    fits: Fits,
+}
+
+/// How the height of a plate's stripes is known.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Height {
+    /// Two edges between stripes are in view.
+    ByStripes,
+    /// One is, and the upper end.
+    ByEnd,
+    /// One is, and it is where it is announced to be.
+    Announced,
 }
 
 /// A plate's robot (x, y, heading) from its plane and the bearings of its sides.
@@ -83,6 +96,8 @@ struct Posed {
     is_torn: bool,
     /// Front and back are told apart.
     has_heading: bool,
+    /// Share of the width between the two sides that were measured.
+    shown: f64,
 }
 
 impl Posed {
@@ -105,12 +120,17 @@ impl PlateFinder {
         let pillar = look.pillar();
         let search = PlateSearch::new(grid, &look, camera.viewpoint_body_m().z, lowest);
         let rim_search = RimSearch::new(grid, &look, camera.viewpoint_body_m().z);
-        Self { look, pillar, search, rim_search, samples: Vec::new(), noise2: 0.0 }
+        Self { look, pillar, search, rim_search, samples: Vec::new(), noise2: 0.0, fits: Fits::default() }
     }
 
     /// Bytes of the panorama that the search expects.
     pub fn panorama_len(&self) -> usize {
         self.search.len()
+    }
+
+    /// What was fitted since the last call, robot or not; kept from the first call on.
+    pub fn take_fits(&mut self) -> Vec<Fit> {
+        self.fits.take()
     }
 
     /// The plates in a picture.
@@ -135,16 +155,20 @@ impl PlateFinder {
         }
         let mut peers: Vec<Peer> = Vec::new();
         for (candidate, turns) in candidates {
-            if !self.is_taken(&peers, &candidate) {
-                let peer = self.look_closer(camera, rays, raw, &candidate, turns);
-                self.take(&mut peers, peer);
+            if !self.is_found(&peers, &candidate) {
+                let fit = self.look_closer(camera, rays, raw, &candidate, turns);
+                self.take(&mut peers, fit);
             }
         }
         let rims = panorama.map_or(Vec::new(), |panorama| self.rim_search.run(panorama));
         for candidate in rims {
-            if !self.is_taken(&peers, &candidate) {
-                let peer = self.look_at_rim(camera, rays, raw, &candidate);
-                self.take(&mut peers, peer);
+            if !self.is_found(&peers, &candidate) {
+                let [by_stripes, by_end] = self.look_at_rim(camera, rays, raw, &candidate);
+                let is_found = by_stripes.as_ref().is_some_and(|fit| fit.is_taken);
+                self.take(&mut peers, by_stripes);
+                if !is_found {
+                    self.take(&mut peers, by_end);
+                }
             }
         }
         let half_m = 0.5 * self.look.width_m;
@@ -152,29 +176,32 @@ impl PlateFinder {
     }
 
     /// Whether a candidate is a plate that was found already.
-    fn is_taken(&self, peers: &[Peer], candidate: &PlateCandidate) -> bool {
+    fn is_found(&self, peers: &[Peer], candidate: &PlateCandidate) -> bool {
         peers.iter().any(|p| {
             let apart = difference(p.bearing_rad, candidate.bearing_rad).abs() * p.range_m.min(candidate.distance_m);
             apart < 0.4 * self.look.width_m && (p.range_m / candidate.distance_m - 1.0).abs() < 0.25
         })
     }
 
-    fn take(&self, peers: &mut Vec<Peer>, peer: Option<Peer>) {
-        let Some(peer) = peer else { return };
+    /// Keeps a fit that is taken for a robot, if it is not there yet.
+    fn take(&mut self, peers: &mut Vec<Peer>, fit: Option<Fit>) {
+        let Some(fit) = fit else { return };
+        self.fits.keep(&fit);
+        let peer = fit.peer;
         let is_beside = |p: &Peer| difference(p.bearing_rad, peer.bearing_rad).abs() * peer.range_m < 0.2;
-        if peers.len() < MAX_PEERS && !peers.iter().any(is_beside) {
+        if fit.is_taken && peers.len() < MAX_PEERS && !peers.iter().any(is_beside) {
             peers.push(peer);
         }
     }
 
-    /// A plate by its upper end.
+    /// A plate that was searched for by its upper end: by its stripes, and by that end.
     fn look_at_rim(
         &mut self,
         camera: &MountedCamera,
         rays: &mut PixelRays,
         raw: &[u8],
         candidate: &PlateCandidate,
-    ) -> Option<Peer> {
+    ) -> [Option<Fit>; 2] {
         let (bearing, distance) = (candidate.bearing_rad, candidate.distance_m);
         let rise = self.pillar.high_m() - camera.viewpoint_body_m().z;
         let [lowest, highest] = camera.camera().elevation_rad();
@@ -187,17 +214,17 @@ impl PlateFinder {
         let turn = candidate.turn_rad;
         let plane = Plane { alpha: bearing + turn, c: distance * turn.cos(), lower_m: 0.0 };
         let fit = self.fit_rim(&samples, plane, bearing, rise);
-        let peer = fit.and_then(|fit| {
+        let fits = fit.map_or([None, None], |fit| {
             // Stripes tell more, now that it is known where to begin.
             let few = self.few(&samples, bearing, distance);
-            let by_stripes = self.fit(&few, fit.plane, bearing).and_then(|fit| self.verdict(camera, &samples, &fit));
-            by_stripes.or_else(|| self.rim_verdict(camera, &samples, fit))
+            let by_stripes = self.fit(&few, fit.plane, bearing).and_then(|fit| self.by_stripes(camera, &samples, &fit));
+            [by_stripes, self.by_upper_end(camera, &samples, fit)]
         });
         self.samples = samples;
-        peer
+        fits
     }
 
-    fn rim_verdict(&self, camera: &MountedCamera, samples: &[Sample], mut fit: PlaneFit) -> Option<Peer> {
+    fn by_upper_end(&self, camera: &MountedCamera, samples: &[Sample], mut fit: PlaneFit) -> Option<Fit> {
         let mounting = camera.mounting().sigma;
         let tilt = mounting.rotation_rpy_rad[0].max(mounting.rotation_rpy_rad[1]);
         let rise = (self.pillar.high_m() - camera.viewpoint_body_m().z).abs();
@@ -210,25 +237,20 @@ impl PlateFinder {
         if difference(fit.plane.alpha, middle).abs() > MOST_TURN_RAD || !Self::is_straight(&fit) {
             return None;
         }
-        let posed = match self.side_shown(samples, &fit) {
-            SideShown::By(sign) => {
+        let side = self.side_shown(samples, &fit);
+        let posed = match side {
+            SideShown::By { sign, .. } => {
                 fit.sign = sign;
                 self.between_sides(samples, &fit, &plane_covariance)?
             }
             SideShown::Unseen => self.of_either_side(samples, &fit, &plane_covariance)?,
             SideShown::Neither => return None,
         };
-        let out = 3.0 / samples.first().map_or(200.0, |s| f64::from(s.ray.px_per_bearing));
-        if posed.chi2.is_nan()
-            || posed.chi2 > WORST_CHI2
-            || !self.is_full(&fit, &posed)
-            || self.rim_goes_on(samples, &fit, [posed.right.0, posed.left.0], out)
-            || self.sides_beyond(samples, &fit, [posed.right.0, posed.left.0], End::Upper) == 2
-            || self.has_corner(samples, &fit, [posed.right.0, posed.left.0])
-        {
+        if posed.chi2.is_nan() || posed.chi2 > WORST_CHI2 {
             return None;
         }
-        self.peer(camera, &fit, &posed, &plane_covariance, c_floor)
+        let traits = self.end_traits(samples, &fit, &posed, side);
+        self.sighted(camera, &fit, &posed, (&plane_covariance, c_floor), traits)
     }
 
     fn look_closer(
@@ -238,7 +260,7 @@ impl PlateFinder {
         raw: &[u8],
         candidate: &PlateCandidate,
         turns: &[f64],
-    ) -> Option<Peer> {
+    ) -> Option<Fit> {
         let (bearing, distance) = (candidate.bearing_rad, candidate.distance_m);
         let height = camera.viewpoint_body_m().z;
         let [lowest, highest] = camera.camera().elevation_rad();
@@ -272,27 +294,28 @@ impl PlateFinder {
                 }
             }
         }
-        let peer = best.and_then(|fit| self.verdict(camera, &samples, &fit));
+        let fit = best.and_then(|fit| self.by_stripes(camera, &samples, &fit));
         self.samples = samples;
-        peer
+        fit
     }
 
-    fn verdict(&self, camera: &MountedCamera, samples: &[Sample], fit: &PlaneFit) -> Option<Peer> {
+    fn by_stripes(&self, camera: &MountedCamera, samples: &[Sample], fit: &PlaneFit) -> Option<Fit> {
         let middle = wrap(fit.seen_rad[0] + 0.5 * difference(fit.seen_rad[1], fit.seen_rad[0]));
         let mounting = camera.mounting().sigma;
         let tilt = mounting.rotation_rpy_rad[0].max(mounting.rotation_rpy_rad[1]);
         let edges = self.edges_in_view(samples, fit);
         let height_m = camera.viewpoint_body_m().z;
         let height_sigma_m = mounting.position_m.z.hypot(tilt * fit.plane.c).hypot(HEIGHT_FLOOR_M);
-        let fit = &match edges[..] {
+        let (fit, height) = &match edges[..] {
             [] => return None,
-            [lone] => self
-                .with_end(samples, fit, lone, height_m)
-                .or_else(|| self.by_height(samples, fit, lone, height_m, height_sigma_m))?,
-            _ => fit.clone(),
+            [lone] => match self.with_end(samples, fit, lone, height_m) {
+                Some(fit) => (fit, Height::ByEnd),
+                None => (self.by_height(samples, fit, lone, height_m, height_sigma_m)?, Height::Announced),
+            },
+            _ => (fit.clone(), Height::ByStripes),
         };
         let height_chi2 = (fit.plane.lower_m / height_sigma_m).powi(2);
-        if difference(fit.plane.alpha, middle).abs() > MOST_TURN_RAD || !fit.is_flat() || fit.black > MOST_BLACK {
+        if difference(fit.plane.alpha, middle).abs() > MOST_TURN_RAD || !fit.is_flat() || height_chi2 > WORST_CHI2 {
             return None;
         }
         // A wrong height or tilt shifts the distance; both are in the fitted height as far as stripes can tell.
@@ -300,22 +323,26 @@ impl PlateFinder {
         let plane_covariance =
             fit.covariance + Matrix2::new(PLANE_FLOOR[1].powi(2) * 16.0, 0.0, 0.0, c_floor * c_floor);
         let posed = self.between_sides(samples, fit, &plane_covariance)?;
-        let (chi2, ends) = (posed.chi2, [posed.right.0, posed.left.0]);
-        let wide = difference(ends[1], ends[0]);
-        let beside = BESIDE_SHARE * wide;
-        let out = 3.0 / samples.first().map_or(200.0, |s| f64::from(s.ray.px_per_bearing));
-        let goes_on = |from: f64, to: f64| self.share_of_stripes(samples, fit, from, to);
-        if chi2.is_nan()
-            || chi2 + height_chi2 > WORST_CHI2
-            || self.has_further_stripe(samples, fit, ends)
-            || self.has_corner(samples, fit, ends)
-            || goes_on(ends[0] + out, ends[1] - out) < LEAST_FILLED
-            || goes_on(ends[0] - out - beside, ends[0] - out) > MOST_BESIDE
-            || goes_on(ends[1] + out, ends[1] + out + beside) > MOST_BESIDE
-        {
+        if posed.chi2.is_nan() || posed.chi2 > WORST_CHI2 {
             return None;
         }
-        self.peer(camera, fit, &posed, &plane_covariance, c_floor)
+        let traits = self.stripe_traits(samples, fit, &posed, (*height, height_chi2));
+        self.sighted(camera, fit, &posed, (&plane_covariance, c_floor), traits)
+    }
+
+    fn sighted(
+        &self,
+        camera: &MountedCamera,
+        fit: &PlaneFit,
+        posed: &Posed,
+        (plane_covariance, c_floor): (&Matrix2<f64>, f64),
+        traits: Traits,
+    ) -> Option<Fit> {
+        let is_taken = traits.are_credible();
+        if !is_taken && !self.fits.are_kept() {
+            return None;
+        }
+        Some(Fit { peer: self.peer(camera, fit, posed, plane_covariance, c_floor)?, traits, is_taken })
     }
 
     /// The robot of a plate.
@@ -329,7 +356,7 @@ impl PlateFinder {
     ) -> Option<Peer> {
         let look = &self.look;
         let is_front = fit.sign > 0.0;
-        let Posed { chi2, pose, covariance, right, left, is_torn, has_heading } = posed;
+        let Posed { chi2, pose, covariance, right, left, is_torn, has_heading, .. } = posed;
         let covariance = covariance * chi2.max(1.0);
         let range = pose[0].hypot(pose[1]);
         if range > FARTHEST_M {
@@ -385,6 +412,12 @@ impl PlateFinder {
             .filter_map(|(right, left)| self.pose(fit, plane_covariance, right?, left?))
             .collect();
         posed.sort_by(|a, b| a.chi2.total_cmp(&b.chi2));
+        let narrow = || self.half_hidden(fit, plane_covariance, right?, left?);
+        if posed.first().is_none_or(|best| best.chi2 > NARROW_CHI2)
+            && let Some(narrow) = narrow()
+        {
+            return Some(narrow);
+        }
         let mut rest = posed.into_iter();
         let mut best = rest.next()?;
         // What the picture cannot tell apart the answer covers; mostly they are the same sides again.
@@ -398,6 +431,30 @@ impl PlateFinder {
             }
         }
         Some(best)
+    }
+
+    /// The pose where something stands before one of the sides, of which nobody knows which: midway between what either would mean.
+    fn half_hidden(
+        &self,
+        fit: &PlaneFit,
+        plane_covariance: &Matrix2<f64>,
+        right: (f64, EdgeFit),
+        left: (f64, EdgeFit),
+    ) -> Option<Posed> {
+        let point = |at: f64| Vector2::new(at.cos(), at.sin()) * fit.plane.distance(at);
+        let shown = (point(left.0) - point(right.0)).norm() / self.look.width_m;
+        if !(LEAST_SHOWN..1.0).contains(&shown) {
+            return None;
+        }
+        let along = Vector2::new(-fit.plane.alpha.sin(), fit.plane.alpha.cos()) * self.look.width_m;
+        let unseen = |beside: (f64, EdgeFit), sign: f64| {
+            let p = point(beside.0) + sign * along;
+            (p.y.atan2(p.x), EdgeFit { sigma_rad: UNSEEN_SIGMA_RAD, ..beside.1 })
+        };
+        let by_right = self.pose(fit, plane_covariance, right, unseen(right, 1.0))?;
+        let mut posed = by_right.or_as_likely(&self.pose(fit, plane_covariance, unseen(left, -1.0), left)?);
+        (posed.right, posed.left, posed.shown) = (right, left, shown);
+        Some(posed)
     }
 
     /// Pose by least squares from the plane and the sides.
@@ -453,6 +510,6 @@ impl PlateFinder {
             solved = Some(((here.transpose() * weights * here)[0], covariance));
         }
         let (chi2, covariance) = solved?;
-        Some(Posed { chi2, pose, covariance, right, left, is_torn: false, has_heading: true })
+        Some(Posed { chi2, pose, covariance, right, left, is_torn: false, has_heading: true, shown: 1.0 })
     }
 }

@@ -1,15 +1,15 @@
-//! What tells a robot from what only looks like one: the weights of the detector's verdict on cylinders, learnt from labelled fits.
+//! What tells a robot from what only looks like one: the weights of the detector's verdict, learnt from labelled fits.
 //!
 //! Logistic regression by Newton's method with a small ridge, on traits brought to unit spread. What the detector fitted is labelled by
-//! the truth: a robot where the fit's place is within [`RIGHT_CHI2`] of a robot's with a cylindrical body, none where no such robot is
-//! near; fits of a robot that are further off teach nothing.
+//! the truth: a robot where the fit's place is within [`RIGHT_CHI2`] of one's that looks like it (a cylinder or a plate), none
+//! where there is none near. A plate that is not where it is said to be is as bad as no plate; such a cylinder teaches nothing.
 
 use std::fmt::Write as _;
 use std::io::{BufRead, Write as _};
 use std::path::Path;
 
 use nalgebra::{DMatrix, DVector, Vector2};
-use robot_agent::peers::{Fit, Traits};
+use robot_agent::peers::{Basis, Fit};
 use serde::{Deserialize, Serialize};
 
 use super::PeersError;
@@ -33,30 +33,33 @@ pub struct Example {
     pub seed: u64,
     /// In the layout.
     pub picture: usize,
-    /// Of the marker's upper end alone.
-    pub is_rim: bool,
+    /// What the fit stands on.
+    pub basis: Basis,
     /// Whether it is a robot; `None` teaches nothing.
     pub is_robot: Option<bool>,
     /// Whether the detector took it for one.
     pub is_taken: bool,
-    /// In the order of [`Traits::names`].
+    /// In the order of [`Basis::names`].
     pub traits: Vec<f64>,
 }
 
 /// Labels a picture's fits.
 pub fn label(seed: u64, picture: usize, fits: Vec<Fit>, views: &[View]) -> impl Iterator<Item = Example> {
     fits.into_iter().map(move |Fit { peer, traits, is_taken }| {
-        let bodies = views.iter().filter(|v| v.kind != Kind::Rectangle);
-        let near = bodies.filter(|v| v.apart_m(&peer) < v.reach_m());
+        let is_plate = matches!(traits.basis, Basis::Stripes | Basis::PlateEnd);
+        let alike = views.iter().filter(|v| (v.kind == Kind::Rectangle) == is_plate);
+        let near = alike.filter(|v| v.apart_m(&peer) < v.reach_m());
         let is_robot = match near.min_by(|a, b| a.apart_m(&peer).total_cmp(&b.apart_m(&peer))) {
             None => Some(false),
             Some(view) => {
                 let error = Vector2::new(turned(peer.bearing_rad - view.bearing_rad), peer.range_m - view.range_m);
                 let information = peer.covariance.try_inverse();
-                information.filter(|i| (error.transpose() * i * error)[0] < RIGHT_CHI2).map(|_| true)
+                let is_there = information.is_some_and(|i| (error.transpose() * i * error)[0] < RIGHT_CHI2);
+                // Of a cylinder's fits the better one is kept, of a plate's the first.
+                Some(is_there).filter(|is_there| *is_there || is_plate)
             }
         };
-        Example { seed, picture, is_rim: traits.is_rim, is_robot, is_taken, traits: traits.values }
+        Example { seed, picture, basis: traits.basis, is_robot, is_taken, traits: traits.values }
     })
 }
 
@@ -81,7 +84,7 @@ pub fn read(path: &Path) -> Result<Vec<Example>, PeersError> {
         let example: Example = serde_json::from_str(&line).map_err(|e| {
             failed(&format_args!("line {}: {e}; lines as `sim-harness peers --fits` writes them", n + 1))
         })?;
-        let traits = Traits::names(example.is_rim).count();
+        let traits = example.basis.names().count();
         if example.traits.len() != traits || example.traits.iter().any(|t| !t.is_finite()) {
             let why =
                 format!("line {}: `traits` are {:?}; {traits} finite numbers would be right", n + 1, example.traits);
@@ -95,25 +98,26 @@ pub fn read(path: &Path) -> Result<Vec<Example>, PeersError> {
 /// The weights that explain the labels best, as tables for `credible.rs`, with what they and the detector's verdict tell apart.
 pub fn learn(examples: &[Example]) -> Result<String, PeersError> {
     let mut text = String::new();
-    for (is_rim, what) in [(false, "rings"), (true, "the upper end alone")] {
-        let labelled: Vec<(&Example, bool)> =
-            examples.iter().filter(|e| e.is_rim == is_rim).filter_map(|e| Some((e, e.is_robot?))).collect();
-        let robots = labelled.iter().filter(|(_, is_robot)| *is_robot).count();
-        if robots.min(labelled.len() - robots) < LEAST_EXAMPLES {
-            let others = labelled.len() - robots;
+    for basis in Basis::ALL {
+        let of: Vec<(&Example, bool)> =
+            examples.iter().filter(|e| e.basis == basis).filter_map(|e| Some((e, e.is_robot?))).collect();
+        let robots = of.iter().filter(|(_, is_robot)| *is_robot).count();
+        let others = of.len() - robots;
+        if robots.min(others) < LEAST_EXAMPLES {
             return Err(PeersError(format!(
-                "of {what} there are {robots} fits of robots and {others} others; at least {LEAST_EXAMPLES} of each would be right"
+                "of {basis:?} there are {robots} fits of robots and {others} others; at least {LEAST_EXAMPLES} of each would be right"
             )));
         }
-        let rows: Vec<(&[f64], bool)> = labelled.iter().map(|(e, is_robot)| (&e.traits[..], *is_robot)).collect();
-        let weights = regress(&rows).ok_or_else(|| PeersError(format!("the weights of {what} are not determined")))?;
-        let _ = writeln!(text, "{what}: {robots} fits of robots, {} others", labelled.len() - robots);
-        for (name, weight) in Traits::names(is_rim).zip(weights.iter()) {
+        let rows: Vec<(&[f64], bool)> = of.iter().map(|(e, is_robot)| (&e.traits[..], *is_robot)).collect();
+        let weights =
+            regress(&rows).ok_or_else(|| PeersError(format!("the weights of {basis:?} are not determined")))?;
+        let _ = writeln!(text, "{basis:?}: {robots} fits of robots, {others} others");
+        for (name, weight) in basis.names().zip(weights.iter()) {
             let _ = writeln!(text, "    (\"{name}\", {weight:.3}),");
         }
         let count = |taken: &dyn Fn(&Example) -> bool| {
-            let of = |robot: bool| labelled.iter().filter(|(e, is_robot)| *is_robot == robot && taken(e)).count();
-            (of(true), of(false))
+            let with = |robot: bool| of.iter().filter(|(e, is_robot)| *is_robot == robot && taken(e)).count();
+            (with(true), with(false))
         };
         let (now_robots, now_others) = count(&|e| e.is_taken);
         let _ = writeln!(text, "  taken by the detector: {now_robots} robots, {now_others} others");

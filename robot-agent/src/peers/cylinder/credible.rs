@@ -1,22 +1,12 @@
-//! Whether what was fitted is a robot.
-//!
-//! Problem: shelves, chairs, blinds and striped boxes fit a painted cylinder here and there. Insight: they do not in everything at
-//! once: paint, bend, outlines, bars. Algorithm: logistic regression. Each trait of a fit says something for or against a robot, in
-//! nats; the weights are learnt from labelled fits, and what is taken for a robot is one by odds of [`LEAST_LOG_ODDS`].
-//!
-//! The weights are of 12,480 fits: 700 rooms with robots (seeds 500000 and 510000) and 800 without (600000, 610000), 220 and 250 of teams
-//! in which nobody wears bars (520000, 620000), 150 and 150 through a camera of half the resolution (`--camera-of tiny`; 530000,
-//! 630000). They are made anew with `sim-harness peers --fits FILE` for each of these, and `sim-harness verdict FILE…`.
+//! What speaks for and against a cylinder's being a robot ([`super::super::verdict`]).
 
 use super::super::rings::RingFit;
+use super::super::verdict::{Basis, Traits, Weight};
 use super::{BEND_GATE, CylinderFinder, Found, Part, height_sigma_m};
 use crate::optics::MountedCamera;
 
-/// A trait and what one unit of it says for a robot, nats.
-type Weight = (&'static str, f64);
-
 /// Of bodies of which rings are seen.
-const RINGS: [Weight; 18] = [
+pub(in super::super) const RINGS: [Weight; 18] = [
     ("any", -4.094),
     // Share of the columns that show the rings.
     ("visible", 0.788),
@@ -49,7 +39,7 @@ const RINGS: [Weight; 18] = [
     ("contrast", 0.530),
 ];
 /// Of bodies so near that the marker's upper end alone is seen ([`super::super::near`]).
-const RIM: [Weight; 15] = [
+pub(in super::super) const END: [Weight; 15] = [
     ("any", -25.171),
     // Share of the columns in which the upper end is where the curve says, what is missing to 0.75, and tenths above 0.9.
     ("visible", 15.744),
@@ -70,9 +60,6 @@ const RIM: [Weight; 15] = [
     ("ring edge", -1.180),
     ("contrast", 1.826),
 ];
-/// Log-odds that a fit must have to be taken for a robot.
-const LEAST_LOG_ODDS: f64 = 1.2;
-
 /// Beyond, a body of 0.2 m is 14 pixels wide and much looks like it, metres.
 const FARTHEST_M: f64 = 6.2;
 /// An outline further from where the rings put it says no more, pixels.
@@ -94,35 +81,10 @@ const PLAIN_HEIGHT: f64 = 2.0;
 /// least was 0.97, plates and tables came to 0.94.
 pub(super) const LEAST_LONE_RIM: f64 = 0.96;
 
-/// What speaks for and against a fit's being a robot.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Traits {
-    /// Of the marker's upper end alone.
-    pub is_rim: bool,
-    /// In the order of [`Traits::names`].
-    pub values: Vec<f64>,
-}
-
-impl Traits {
-    /// What each value is of.
-    pub fn names(is_rim: bool) -> impl Iterator<Item = &'static str> {
-        weights(is_rim).iter().map(|(name, _)| *name)
-    }
-
-    /// ln of the odds that it is a robot.
-    pub fn log_odds(&self) -> f64 {
-        weights(self.is_rim).iter().zip(&self.values).map(|((_, weight), value)| weight * value).sum()
-    }
-}
-
-fn weights(is_rim: bool) -> &'static [Weight] {
-    if is_rim { &RIM } else { &RINGS }
-}
-
 impl CylinderFinder {
     /// Whether it is.
     pub(super) fn is_credible(&self, found: &Found, traits: &Traits) -> bool {
-        found.rings.near_m + self.look.radius_m <= FARTHEST_M && traits.log_odds() >= LEAST_LOG_ODDS
+        found.rings.near_m + self.look.radius_m <= FARTHEST_M && traits.are_credible()
     }
 
     /// What speaks for and against it.
@@ -159,7 +121,7 @@ impl CylinderFinder {
             let bend = [bent.min(16.0), sigma.max(0.02).ln()];
             [&[1.0, rings.visible][..], &paint, &bend, &outlines, &read, &place, &[contrast]].concat()
         };
-        Traits { is_rim: rings.is_rim, values }
+        Traits { basis: if rings.is_rim { Basis::CylinderEnd } else { Basis::Rings }, values }
     }
 
     /// Whether the rings are there beyond all doubt, whatever is before them and whatever bars they show. In 300 rooms without robots

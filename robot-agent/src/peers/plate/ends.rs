@@ -24,28 +24,23 @@ const STEP_FLOOR_PX2: f64 = 0.01;
 const LEAST_END_COLUMNS: usize = 6;
 /// Share of the columns that must agree on the upper end.
 const LEAST_END_AGREEMENT: f64 = 0.5;
-/// An upper end is unseen where less than this share of the columns agrees; then the stripes must correlate, and black be black, like this.
+/// An upper end is unseen where less than this share of the columns agrees.
 const MOST_UNSEEN_END: f64 = 0.3;
-const UNSEEN_END_CORRELATION: f64 = 0.995;
-const UNSEEN_END_BLACK: f64 = 0.1;
 /// Rounds in which a lone edge and the upper end settle distance and height.
 const END_ROUNDS: usize = 3;
 /// Beyond an end of the plate a further stripe is like its second to this share of their contrast, and ends with this share of
-/// it; more than this share of the columns with one, and it is a taller box.
+/// it.
 const LIKE: f64 = 0.25;
 const ENDS: f64 = 0.3;
-const MOST_FURTHER: f64 = 0.5;
 /// An edge is in view where the picture goes on beyond it for so much.
 const BEYOND_EDGE_PX: f64 = 3.0;
-/// Of a box's next face so much is looked at, metres, from so far beside the corner on, pixels; where so many columns are in view and
-/// this share of them show the stripes it is a box.
+/// Of a box's next face so much is looked at, metres, from so far beside the corner on, pixels, where so many columns are in view.
 const FACE_M: f64 = 0.25;
 const CORNER_PX: f64 = 1.5;
 const LEAST_FACE_COLUMNS: usize = 3;
 /// Stripes round a corner have at least this share of the plate's contrast, those beside it this.
 const LEAST_FACE_GAIN: f64 = 0.15;
 const LEAST_GOING_ON: f64 = 0.3;
-const MOST_ROUND_CORNER: f64 = 0.5;
 const EDGE_FLOOR_PX: f64 = 0.06;
 /// A sheet has a rim of its own, metres.
 const RIM_FLOOR_M: f64 = 2e-3;
@@ -165,8 +160,7 @@ impl PlateFinder {
         let mut fit = fit.clone();
         fit.plane.c *= lone / (lone + fit.plane.lower_m).max(0.5 * lone);
         fit.plane.lower_m = 0.0;
-        let is_hidden = self.end(samples, &fit).is_none_or(|end| end.agreement < MOST_UNSEEN_END);
-        if !is_hidden || fit.correlation < UNSEEN_END_CORRELATION || fit.black > UNSEEN_END_BLACK {
+        if self.end(samples, &fit).is_some_and(|end| end.agreement >= MOST_UNSEEN_END) {
             return None;
         }
         let c_sigma = fit.plane.c * height_sigma_m / lone.abs().max(1e-3);
@@ -191,11 +185,11 @@ impl PlateFinder {
         goes_on as f64 / measured.max(1) as f64
     }
 
-    /// Whether the stripes go on round a corner: then it is a box.
-    pub(super) fn has_corner(&self, samples: &[Sample], fit: &PlaneFit, [right, left]: [f64; 2]) -> bool {
-        let Some(scale) = samples.first().map(|s| f64::from(s.ray.px_per_bearing)) else { return false };
+    /// In which share of the columns of a next face the stripes go on round a corner, as a box's do; the larger of both sides.
+    pub(super) fn corner(&self, samples: &[Sample], fit: &PlaneFit, [right, left]: [f64; 2]) -> f64 {
+        let Some(scale) = samples.first().map(|s| f64::from(s.ray.px_per_bearing)) else { return 0.0 };
         let (sin, cos) = fit.plane.alpha.sin_cos();
-        [(right, 1.0), (left, -1.0)].into_iter().any(|(at, outside)| {
+        let share = |(at, outside): (f64, f64)| {
             // The next face goes straight back from the corner; it is in view where the observer is on its outer side.
             let corner = Vector2::new(at.cos(), at.sin()) * fit.plane.distance(at);
             let c = outside * (cos * corner.y - sin * corner.x);
@@ -203,7 +197,7 @@ impl PlateFinder {
             let wide = difference(back.y.atan2(back.x), at).abs() - CORNER_PX / scale;
             let count = (wide * scale) as usize;
             if c <= 0.02 || count < LEAST_FACE_COLUMNS {
-                return false;
+                return 0.0;
             }
             let alpha = wrap(fit.plane.alpha + outside * FRAC_PI_2);
             let face = Plane { alpha, c, lower_m: fit.plane.lower_m };
@@ -214,8 +208,9 @@ impl PlateFinder {
             let shown = shown(&grams, self.noise2, 0.1);
             let is_alike = |(c, gain): &&(f64, f64)| c * fit.sign > 0.0 && gain.abs() > LEAST_FACE_GAIN * fit.gain;
             let alike = shown.iter().flatten().filter(is_alike).count();
-            measured >= LEAST_FACE_COLUMNS && alike as f64 >= MOST_ROUND_CORNER * measured as f64
-        })
+            if measured < LEAST_FACE_COLUMNS { 0.0 } else { alike as f64 / measured as f64 }
+        };
+        [(right, 1.0), (left, -1.0)].into_iter().map(share).fold(0.0, f64::max)
     }
 
     /// How many of the sides go on beyond an end: then it is the border of a stripe of something taller.
@@ -243,15 +238,15 @@ impl PlateFinder {
         sides.iter().filter(|side| goes_on(side)).count()
     }
 
-    /// Whether the stripes go on above or below the plate: then it is a part of something taller.
-    pub(super) fn has_further_stripe(&self, samples: &[Sample], fit: &PlaneFit, ends: [f64; 2]) -> bool {
+    /// In which share of the columns the stripes go on above or below the plate, as a part's of something taller do.
+    pub(super) fn further_stripe(&self, samples: &[Sample], fit: &PlaneFit, ends: [f64; 2]) -> f64 {
         let edges = &self.pillar.edges_m;
         let n = edges.len();
-        let Some(scale) = samples.first().map(|s| f64::from(s.ray.px_per_bearing)) else { return false };
+        let Some(scale) = samples.first().map(|s| f64::from(s.ray.px_per_bearing)) else { return 0.0 };
         let count = ((difference(ends[1], ends[0]) * scale) as usize).max(1);
         let upper = (End::Upper, [edges[n - 1], edges[n - 2], edges[n - 3]]);
         let lower = (End::Lower, [edges[0], edges[1], edges[2]]);
-        [upper, lower].into_iter().any(|(which, [end, next, second])| {
+        let share = |(which, [end, next, second]): (End, [f64; 3])| {
             let high = end - next;
             // By column: the last stripe, the second last, where a further one would be, and what is beyond that.
             let mut columns = vec![[[0.0f64; 2]; 4]; count];
@@ -287,8 +282,10 @@ impl PlateFinder {
                 );
             }
             // A wall may be as bright as a stripe, but it does not end where the plate does.
-            all > 0 && further as f64 > MOST_FURTHER * all as f64 && self.sides_beyond(samples, fit, ends, which) > 0
-        })
+            let goes_on = further > 0 && self.sides_beyond(samples, fit, ends, which) > 0;
+            if goes_on { further as f64 / all as f64 } else { 0.0 }
+        };
+        share(upper).max(share(lower))
     }
 
     /// Heights of the edges between two stripes that the picture reaches on both sides in the middle of what shows stripes.

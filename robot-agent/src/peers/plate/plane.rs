@@ -11,7 +11,9 @@ use super::{MOST_TURN_RAD, PlateFinder};
 /// A column shows the stripes at this correlation.
 const LEAST_CORRELATION: f64 = 0.85;
 /// Median correlation of a plate's columns: what stands before it may spoil a few.
-const LEAST_MEDIAN: f64 = 0.985;
+const LEAST_MEDIAN: f64 = 0.96;
+/// Least contrast over the residual noise.
+const LEAST_CONTRAST: f64 = 4.0;
 const ROUNDS: usize = 8;
 /// Height of the camera over the peer's floor: mounting, tilt and floor together, metres.
 const HEIGHT_SIGMA_M: f64 = 0.015;
@@ -22,16 +24,20 @@ const HOPELESS: f64 = 0.65;
 const LEAST_COLUMNS: usize = 4;
 /// What the bend is a priori, cylinders of the plate's width.
 const BEND_FREE: f64 = 3.0;
-/// A plate bends less than this beside noise, cylinders of its width, and a cylinder must fit worse by this much χ².
+/// A plate bends less than this beside noise, cylinders of its width.
 const FLAT: f64 = 0.12;
-const FLAT_CHI2: f64 = 9.0;
 
 impl PlaneFit {
-    /// Whether it is flat, and the picture shows that it is no cylinder of that width.
+    /// Whether it may be flat.
     pub(super) fn is_flat(&self) -> bool {
         let [bend, sigma] = self.bend;
-        let variance = sigma * sigma + FLAT * FLAT / 4.0;
-        bend.abs() <= FLAT + 3.5 * sigma && 1.0 - 2.0 * bend > FLAT_CHI2 * variance
+        bend.abs() <= FLAT + 5.0 * sigma
+    }
+
+    /// By how much χ² a cylinder of its width fits worse than a plane.
+    pub(super) fn flat_chi2(&self) -> f64 {
+        let [bend, sigma] = self.bend;
+        (1.0 - 2.0 * bend) / (sigma * sigma + FLAT * FLAT / 4.0)
     }
 }
 
@@ -173,7 +179,7 @@ impl PlateFinder {
                 bend,
             });
         }
-        fitted.filter(|f| f.correlation > LEAST_MEDIAN && f.gain > 6.0 * f.noise)
+        fitted.filter(|f| f.correlation > LEAST_MEDIAN && f.gain > LEAST_CONTRAST * f.noise)
     }
 
     /// Which reflectance of the front is black on the side of a sign.

@@ -20,7 +20,7 @@ use super::super::rings::{BLUR_PX, median};
 use super::super::search::{Grid, Peak, strongest};
 use super::plane::{Plane, PlaneFit, black, shown, shows_edge};
 use super::search::PlateCandidate;
-use super::{LEAST_FILLED, MOST_BLACK, PlateFinder, Posed};
+use super::{PlateFinder, Posed};
 
 /// Nearest and farthest distance of a plate's middle, metres, and the step between distances.
 const DISTANCE_M: [f64; 2] = [0.4, 1.15];
@@ -52,33 +52,34 @@ const WORST_RMS_PX: f64 = 0.3;
 const LINE_FLOOR_PX: f64 = 0.05;
 /// What a line is worth beside stripes: where both are to be had, stripes are taken.
 const CORRELATION: f64 = 0.97;
-/// A line that bends by more than this beside two sigmas is a cylinder's or none, cylinders of the plate's width.
-const STRAIGHT: f64 = 0.04;
+/// A line that bends by more than this beside four sigmas is a cylinder's or none, cylinders of the plate's width.
+const STRAIGHT: f64 = 0.06;
 /// So many columns must show two stripes: without, chairs, boxes and doors are taken for plates.
 const DECIDING_COLUMNS: usize = 5;
-/// With one stripe in view a plate must be within these bounds (nearer than 0.6 m from axis to axis are no robots), metres, fit this well, and be of one paint: a spread below this share of the
-/// contrast, this far from its borders, in so many pixels at least.
-const EITHER_SIDE_M: std::ops::Range<f64> = 0.53..0.85;
-const EITHER_SIDE_CHI2: f64 = 4.0;
-const MOST_UNEVEN: f64 = 0.2;
+/// A side is seen by at least this share of them.
+const LEAST_SAME_SIDE: f64 = 0.6;
+/// With one stripe in view a plate must be within these bounds (nearer than 0.6 m from axis to axis are no robots), metres.
+const EITHER_SIDE_M: std::ops::Range<f64> = 0.4..1.0;
+/// Paint is as even as this share of the contrast, or as noise; looked at so far from its borders, in so many pixels at least.
+const UNEVEN: f64 = 0.2;
 const PAINT_MARGIN_PX: f64 = 2.5;
 const LEAST_PAINT: f64 = 60.0;
 /// Its sides are measured as the front's and as the back's: the place is no better than this, metres.
 const EITHER_SIDE_SIGMA_M: f64 = 0.012;
-/// A lone upper end reaches to its sides but for this share of the width; they are as sharp as this, pixels, in so many rows.
-const MOST_SHORT: f64 = 0.08;
-const SHARP_PX: f64 = 0.2;
-const SHARP_AGREEMENT: f64 = 0.75;
-const SHARP_ROWS: usize = 8;
-/// The line goes on beyond a side where its place is as near as this in more than this share of the columns there.
+/// The line goes on beyond a side in columns where its place is as near as this.
 const GOES_ON_PX: f64 = 0.6;
-const MOST_GOING_ON: f64 = 0.4;
 
 /// Which side of a plate shows.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum SideShown {
-    /// 1: the front, −1: the back.
-    By(f64),
+    /// By this share of the columns that could tell.
+    By {
+        /// 1: the front, −1: the back.
+        sign: f64,
+        share: f64,
+        /// Gray level of black over white's less black's.
+        black: f64,
+    },
     /// Too few columns tell.
     Unseen,
     /// Something else shows.
@@ -266,7 +267,7 @@ impl PlateFinder {
     /// Whether an upper end is a straight line.
     pub(super) fn is_straight(fit: &PlaneFit) -> bool {
         let [bend, sigma] = fit.bend;
-        bend.abs() < STRAIGHT + 2.0 * sigma && fit.is_flat()
+        bend.abs() < STRAIGHT + 4.0 * sigma && fit.is_flat()
     }
 
     /// Where the upper end is in each column between two bearings, and how many columns there are.
@@ -318,12 +319,12 @@ impl PlateFinder {
         }
         let shown = shown(&grams, self.noise2, 0.0);
         let share = |sign: f64| shown.iter().flatten().filter(|(c, _)| c * sign > 0.0).count() as f64 / measured as f64;
-        let Some(sign) = [1.0, -1.0].into_iter().find(|sign| share(*sign) >= LEAST_FILLED) else {
+        let Some(sign) = [1.0, -1.0].into_iter().find(|sign| share(*sign) >= LEAST_SAME_SIDE) else {
             return SideShown::Neither;
         };
         let columns = grams.iter().zip(&shown).filter_map(|(gram, column)| Some((gram, column.as_ref()?.1)));
         let mut blacks: Vec<f64> = columns.map(|(gram, gain)| black(gram, gain, self.darkest(sign))).collect();
-        if median(&mut blacks) <= MOST_BLACK { SideShown::By(sign) } else { SideShown::Neither }
+        SideShown::By { sign, share: share(sign), black: median(&mut blacks) }
     }
 
     /// The pose of a plate of which one stripe is in view, so that front and back look alike: midway between the two places.
@@ -333,21 +334,18 @@ impl PlateFinder {
         fit: &PlaneFit,
         plane_covariance: &Matrix2<f64>,
     ) -> Option<Posed> {
-        if !EITHER_SIDE_M.contains(&fit.plane.c) || !self.is_even(samples, fit) {
+        if !EITHER_SIDE_M.contains(&fit.plane.c) {
             return None;
         }
-        let of = |sign: f64| {
-            let posed = self.between_sides(samples, &PlaneFit { sign, ..fit.clone() }, plane_covariance);
-            posed.filter(|posed| posed.chi2 < EITHER_SIDE_CHI2 && !posed.is_torn)
-        };
+        let of = |sign: f64| self.between_sides(samples, &PlaneFit { sign, ..fit.clone() }, plane_covariance);
         let mut posed = of(1.0)?.or_as_likely(&of(-1.0)?);
         posed.has_heading = false;
         posed.covariance += Matrix3::from_diagonal(&Vector3::new(1.0, 1.0, 0.0)) * EITHER_SIDE_SIGMA_M.powi(2);
         Some(posed)
     }
 
-    /// Whether what is in view of the upper stripe is of one paint.
-    fn is_even(&self, samples: &[Sample], fit: &PlaneFit) -> bool {
+    /// How far what is in view of the upper stripe is from one paint: 1 is as uneven as paint may be.
+    pub(super) fn unevenness(&self, samples: &[Sample], fit: &PlaneFit) -> f64 {
         let edges = &self.pillar.edges_m;
         let [low, high] = [edges[edges.len() - 2], edges[edges.len() - 1]];
         let (mut n, mut sum, mut squares) = (0.0, 0.0, 0.0);
@@ -364,26 +362,20 @@ impl PlateFinder {
             }
         }
         let spread = (squares / n - (sum / n).powi(2)).max(0.0).sqrt();
-        n >= LEAST_PAINT && spread < (3.0 * self.noise2.sqrt()).max(MOST_UNEVEN * fit.gain)
+        if n < LEAST_PAINT {
+            return f64::INFINITY;
+        }
+        spread / (3.0 * self.noise2.sqrt()).max(UNEVEN * fit.gain)
     }
 
-    /// Whether the upper end goes on beyond one of its sides.
-    pub(super) fn rim_goes_on(&self, samples: &[Sample], fit: &PlaneFit, [right, left]: [f64; 2], out: f64) -> bool {
+    /// In which share of the columns beside a plate its upper end goes on, the larger of both sides.
+    pub(super) fn rim_goes_on(&self, samples: &[Sample], fit: &PlaneFit, [right, left]: [f64; 2], out: f64) -> f64 {
         let beside = 0.2 * difference(left, right);
-        [[right - out - beside, right - out], [left + out, left + out + beside]].into_iter().any(|sector| {
+        let sectors = [[right - out - beside, right - out], [left + out, left + out + beside]].into_iter();
+        let share = |sector: [f64; 2]| {
             let (crossings, asked) = self.crossings(samples, &fit.plane, sector, &[0.0]);
-            let on = crossings.iter().filter(|c| c.higher_px.abs() < GOES_ON_PX).count();
-            on as f64 > MOST_GOING_ON * asked as f64
-        })
-    }
-
-    /// Whether an upper end reaches from side to side, both of which are sharp.
-    pub(super) fn is_full(&self, fit: &PlaneFit, posed: &Posed) -> bool {
-        let wide = difference(posed.left.0, posed.right.0);
-        let short = [difference(fit.seen_rad[0], posed.right.0), difference(posed.left.0, fit.seen_rad[1])];
-        let is_sharp = |edge: &super::EdgeFit| {
-            edge.sigma_rad * edge.px_per_rad < SHARP_PX && edge.agreement > SHARP_AGREEMENT && edge.rows >= SHARP_ROWS
+            crossings.iter().filter(|c| c.higher_px.abs() < GOES_ON_PX).count() as f64 / asked.max(1) as f64
         };
-        short.iter().all(|short| *short < MOST_SHORT * wide) && is_sharp(&posed.right.1) && is_sharp(&posed.left.1)
+        sectors.map(share).fold(0.0, f64::max)
     }
 }
