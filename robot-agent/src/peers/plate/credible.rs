@@ -75,7 +75,7 @@ pub(in super::super) const END: [Weight; 19] = [
     ("contrast", -0.398),
 ];
 
-/// Least log of a sigma.
+/// Least sigma of which the log is taken.
 const LEAST_SIGMA: f64 = 0.02;
 /// Most of a χ² that says anything.
 const MOST_CHI2: f64 = 25.0;
