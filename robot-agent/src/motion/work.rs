@@ -87,6 +87,15 @@ impl Work {
         }
     }
 
+    /// Nothing is worked yet.
+    #[cfg(test)]
+    pub(crate) fn resting(raster: Raster) -> Self {
+        let mut work = Self::new(raster);
+        work.cells.fill(Cell::Rests);
+        work.whole = false;
+        work
+    }
+
     /// Takes note whether the robot stands.
     pub(super) fn set_steady(&mut self, steady: bool) {
         self.steady = steady;

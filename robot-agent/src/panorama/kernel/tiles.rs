@@ -416,6 +416,7 @@ mod tests {
     use rand::{Rng, SeedableRng};
 
     use super::*;
+    use crate::motion::Raster;
     use crate::motion::kernel::{Level, at_most};
 
     fn check(entries: &[LutEntry], width: usize, [stride, rows]: [usize; 2], rng: &mut rand_chacha::ChaCha8Rng) {
@@ -445,20 +446,58 @@ mod tests {
         }
     }
 
+    const RING: [usize; 2] = [512, 300];
+
+    /// A panorama of a ring in a picture of that size.
+    fn ring(width: usize, height: usize) -> Vec<LutEntry> {
+        let entry = |i: usize| {
+            let (column, radius) = (i % width, 149.0 - 1.1 * (i / width) as f64);
+            let (sin, cos) = (std::f64::consts::TAU * column as f64 / width as f64).sin_cos();
+            let (x, y) = (250.0 + radius * cos, 149.6 + radius * sin);
+            let weight = |v: f64| (256.0 * v.fract()) as u16;
+            LutEntry { offset: y as u32 * RING[0] as u32 + x as u32, fx: weight(x), fy: weight(y) }
+        };
+        (0..width * height).map(entry).collect()
+    }
+
     #[test]
     fn tiles_give_what_the_plain_loop_gives_on_a_ring() {
         let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(5);
-        let (width, height, stride, rows) = (700, 90, 512, 300);
-        let entries: Vec<LutEntry> = (0..width * height)
-            .map(|i| {
-                let (column, radius) = (i % width, 149.0 - 1.1 * (i / width) as f64);
-                let (sin, cos) = (std::f64::consts::TAU * column as f64 / width as f64).sin_cos();
-                let (x, y) = (250.0 + radius * cos, 149.6 + radius * sin);
-                let weight = |v: f64| (256.0 * v.fract()) as u16;
-                LutEntry { offset: y as u32 * stride as u32 + x as u32, fx: weight(x), fy: weight(y) }
-            })
-            .collect();
-        check(&entries, width, [stride, rows], &mut rng);
+        check(&ring(700, 90), 700, RING, &mut rng);
+    }
+
+    #[test]
+    fn cells_give_what_the_plain_loop_gives_and_others_are_left_alone() {
+        let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(6);
+        let [stride, rows] = RING;
+        let (width, height) = (700, 90);
+        let entries = ring(width, height);
+        let source: Vec<u8> = (0..stride * rows).map(|_| (rng.next_u32() >> 24) as u8).collect();
+        let tiles = Tiles::new(&entries, width, RING).unwrap();
+        let mut want = vec![0; entries.len()];
+        super::super::unwarp(&source, stride, &entries, width, &mut want);
+        for one_in in [1, 3, 40] {
+            let mut work = Work::resting(Raster { width, height, wraps: true });
+            let [columns, bands] = work.size();
+            for cell in (0..columns * bands).filter(|_| rng.next_u32().is_multiple_of(one_in)) {
+                work.draw(cell % columns, cell / columns);
+            }
+            for level in [Level::Portable, Level::Avx2, Level::Avx512] {
+                // What no unwarping of this source leaves there.
+                let before: Vec<u8> = want.iter().map(|p| p ^ 255).collect();
+                let mut got = before.clone();
+                assert!(at_most(level, || tiles.unwarp(&source, Some(&work), &mut got)));
+                for (i, got) in got.iter().enumerate() {
+                    let (column, row) = (i % width, i / width);
+                    // The last tile begins before the last cell, so that it is as wide as the others.
+                    let is_shared = (width - COLUMNS..width / COLUMNS * COLUMNS).contains(&column);
+                    let is_worked = work.is_worked(column / COLUMNS, row / CELL_ROWS);
+                    if is_worked || !is_shared {
+                        assert_eq!(*got, if is_worked { want[i] } else { before[i] }, "({column}, {row}), {level:?}");
+                    }
+                }
+            }
+        }
     }
 
     #[test]
