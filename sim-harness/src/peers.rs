@@ -59,7 +59,7 @@ pub struct Outcome {
     pub views: Vec<Vec<View>>,
     /// What was sighted, a list a picture.
     pub sightings: Vec<Vec<Sighting>>,
-    /// What the detector fitted cylinders to, labelled.
+    /// What the detector fitted cylinders and plates to, labelled.
     pub fits: Vec<Example>,
     /// Mean time of the detector, microseconds a picture.
     pub detector_us: f64,

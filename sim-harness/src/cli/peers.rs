@@ -37,7 +37,7 @@ pub struct PeersArgs {
     /// Writes report.json, table.txt, faults.txt and a picture of each fault there
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
-    /// Writes what cylinders were fitted to, with the truth, a line of JSON each: for `sim-harness verdict`
+    /// Writes what cylinders and plates were fitted to, with the truth, a line of JSON each: for `sim-harness verdict`
     #[arg(long, value_name = "FILE")]
     fits: Option<PathBuf>,
     /// How to report
