@@ -1,8 +1,8 @@
 //! What tells a robot from what only looks like one: the weights of the detector's verdict, learnt from labelled fits.
 //!
 //! Logistic regression by Newton's method with a small ridge, on traits brought to unit spread. What the detector fitted is labelled by
-//! the truth: a robot where the fit's place is within [`RIGHT_CHI2`] of one's that looks like it (a cylinder or a plate), none
-//! where there is none near. A plate that is not where it is said to be is as bad as no plate; such a cylinder teaches nothing.
+//! the truth: a robot where the fit's place is within χ²₂'s 99.99 % of one's that looks like it (a cylinder or a plate), none where
+//! there is none near. A plate that is not where it is said to be is as bad as no plate; such a cylinder teaches nothing.
 
 use std::fmt::Write as _;
 use std::io::{BufRead, Write as _};
