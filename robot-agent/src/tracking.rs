@@ -23,6 +23,7 @@ mod people;
 mod range;
 #[cfg(test)]
 mod reality;
+mod told;
 mod track;
 mod view;
 
@@ -180,7 +181,6 @@ impl Tracker {
         }
         if self.figures.is_some() {
             self.step_people(scene, capture, dt_s, peers);
-            self.note_company(dt_s);
         } else {
             self.step_regions(scene, capture);
         }
@@ -345,7 +345,11 @@ impl Tracker {
         let axis = self.raster.wrap_column(track.axis - track.filter.rate * delay_s);
         let (bearing_rad, _) = self.view.angles_rad(axis, middle)?;
         let step = self.view.steps_rad(track.axis, middle)[0];
-        let axis_sigma = if self.figures.is_some() { track.told_sigma() } else { track.axis_sigma };
+        let axis_sigma = if self.figures.is_some() {
+            self.told_sigma_m(track, &extent, self.last.unwrap_or_default()) / (step * track.log_range.exp())
+        } else {
+            track.axis_sigma
+        };
         let area_px = self.areas.iter().find(|(id, _)| *id == track.id).map_or(0, |(_, a)| *a);
         Some(TrackView {
             id: track.id,

@@ -7,6 +7,7 @@ use protocol::time::Timestamp;
 
 use super::body::solid_rows;
 use super::figures::{Figure, Figures, Shape, Sought};
+use super::told::Manner;
 use super::track::Sighting;
 use super::{PeerBearing, Tracker, association, looks};
 use crate::motion::{Object, Region, Scene};
@@ -44,7 +45,7 @@ const LEAST_ALIKE: f64 = -1.0;
 const WANDERED_M: f64 = 1.2;
 
 /// Breadth of the trunk.
-const SHOULDERS_M: f64 = 0.42;
+pub(super) const SHOULDERS_M: f64 = 0.42;
 
 /// Middle column, half width in columns and first row of a fellow robot.
 pub(super) type Robot = (f64, f64, usize);
@@ -239,6 +240,12 @@ impl Tracker {
             apart: figure.apart >= ALONE,
             moves: moves as f64 > MOVING * region.area as f64,
             appearance: looks::appearance(region, scene, &self.view, axis, figure.range_m),
+            manner: Manner {
+                apart: f64::from(figure.apart),
+                own: f64::from(figure.own),
+                support: f64::from(figure.support),
+                aside_m: self.raster.column_difference(axis, figure.column) * step * figure.range_m,
+            },
         };
         Look { sighting, area: region.area, ghost: ghosts as f64 > 0.5 * region.area as f64 }
     }
@@ -262,44 +269,6 @@ const MOST_HEAD_M: f64 = 0.28;
 
 /// Lateral error of an axis in the company of others, metres: their marks may be taken for his.
 const IN_COMPANY_M: f64 = 0.045;
-/// The same of somebody who has long been alone: gait and clothes, and shelves and chairs that look like a part of them (in a
-/// bare room it is half of that).
-const ALONE_M: f64 = 0.03;
-/// How long it takes to be alone: what was learnt of him among others wears off, seconds.
-const ALONE_S: f64 = 4.0;
-/// What is told of the lateral error as it was measured over all that is followed for long, …
-const TOLD: f64 = 0.8;
-/// … and what is told beside it of a track that has just begun, metres: one of three is a piece of a body, or a shadow.
-const YOUNG_M: f64 = 0.18;
-/// Somebody within this angle of his box is company, radians.
-const COMPANY_RAD: f64 = 0.1;
-
-impl Tracker {
-    /// How long each of the tracks has been alone.
-    pub(super) fn note_company(&mut self, dt_s: f64) {
-        let places: Vec<_> = self.tracks.iter().map(|t| (t.state, t.predicted_arc(&self.raster))).collect();
-        let step = self.view.steps_rad(0.0, self.raster.height as f64 / 2.0)[0];
-        let margin = (COMPANY_RAD / step) as usize;
-        for (t, track) in self.tracks.iter_mut().enumerate() {
-            let (state, arc) = (places[t].0, places[t].1.grown(margin, &self.raster));
-            let near = |o: usize| o != t && arc.overlap(&places[o].1, &self.raster) > 0;
-            let company = state != TrackState::Visible || track.feet_hidden || (0..places.len()).any(near);
-            track.alone_s = if company { 0.0 } else { track.alone_s + dt_s };
-        }
-    }
-}
-
-impl super::Track {
-    /// Sigma of the axis to be told, columns: who has been alone for long is not taken for others.
-    pub(super) fn told_sigma(&self) -> f64 {
-        let column_m = SHOULDERS_M / self.trunk_width.max(1.0);
-        let now_m = ALONE_M.hypot(IN_COMPANY_M * (-self.alone_s / ALONE_S).exp()).min(IN_COMPANY_M);
-        let less = (IN_COMPANY_M.powi(2) - now_m.powi(2)) / column_m.powi(2);
-        let known = (self.axis_sigma.powi(2) - less).max((now_m / column_m).powi(2)).sqrt();
-        (TOLD * known).hypot(YOUNG_M * (1.0 - self.evidence_of_age()).sqrt() / column_m)
-    }
-}
-
 /// Lateral error of an axis, metres; more where others cover a part.
 fn axis_sigma_m(figure: &Figure) -> f64 {
     const COVERED_M: f64 = 0.2;
@@ -325,43 +294,4 @@ fn mark_moving(scene: &Scene<'_>) -> Vec<u8> {
         }
     }
     marks
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::motion::{Arc, Raster};
-    use crate::tracking::Track;
-
-    #[test]
-    fn who_has_just_been_found_is_told_less_surely_than_who_has_long_been_alone() {
-        const COLUMN_M: f64 = 0.02;
-        let raster = Raster { width: 1080, height: 162, wraps: true };
-        let sighting = Sighting {
-            axis: 300.0,
-            axis_sigma: IN_COMPANY_M / COLUMN_M,
-            arc: Arc { start: 290, width: 20 },
-            rows: [40, 150],
-            range_m: 2.0,
-            trunk_width: SHOULDERS_M / COLUMN_M,
-            alone: true,
-            apart: true,
-            moves: true,
-            support: 1.0,
-            feet_hidden: false,
-            head: true,
-            appearance: Appearance::default(),
-        };
-        let at = |frame: u32| Timestamp::from_secs_f64(1000.0 + 0.1 * f64::from(frame));
-        let mut track = Track::of_figure(TrackId(1), &sighting, at(0));
-        let told_m = |track: &Track| track.told_sigma() * COLUMN_M;
-        let found = told_m(&track);
-        (1..40).for_each(|frame| track.see_figure(&sighting, at(frame), &raster));
-        let followed = told_m(&track);
-        track.alone_s = 60.0;
-        let alone = told_m(&track);
-        assert!(found > 0.12 && found < 0.2, "{found}");
-        assert!((followed - TOLD * IN_COMPANY_M).abs() < 0.003, "{followed}");
-        assert!((alone - TOLD * ALONE_M).abs() < 0.003, "{alone}");
-    }
 }

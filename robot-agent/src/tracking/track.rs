@@ -24,6 +24,8 @@ use super::group::Placed;
 use super::histogram::Histogram;
 use super::looks::Looks;
 use super::lost::Stand;
+use super::people::SHOULDERS_M;
+use super::told::{Agreement, Manner};
 use crate::motion::{Arc, Patch, Raster};
 
 /// Who moves aside by less than this part of his shoulders' breadth in a second stands.
@@ -85,8 +87,8 @@ pub(super) struct Track {
     pub(super) feet_hidden: bool,
     /// Its upper end is as narrow as a head.
     pub(super) head: bool,
-    /// For how long nobody else has been near, seconds.
-    pub(super) alone_s: f64,
+    /// How its figures agree with each other.
+    pub(super) agreement: Agreement,
     /// Logarithm of the distance in metres that its figure has, and its sigma.
     pub(super) log_range: f64,
     pub(super) log_range_sigma: f64,
@@ -118,6 +120,7 @@ pub(super) struct Sighting {
     /// The upper end is as narrow as a head.
     pub(super) head: bool,
     pub(super) appearance: Appearance,
+    pub(super) manner: Manner,
 }
 
 impl Sighting {
@@ -153,6 +156,7 @@ impl Track {
             feet_hidden: false,
             head: true,
             appearance: Appearance::default(),
+            manner: Manner::default(),
         };
         Self {
             shape: shape_of(body),
@@ -202,7 +206,7 @@ impl Track {
             support: s.support,
             feet_hidden: s.feet_hidden,
             head: s.head,
-            alone_s: 0.0,
+            agreement: Agreement::of(s.manner),
             log_range: s.range_m.ln(),
             log_range_sigma: 0.3,
             figure_shape: FigureShape::default(),
@@ -251,6 +255,10 @@ impl Track {
     /// Seen as a figure.
     pub(super) fn see_figure(&mut self, s: &Sighting, now: Timestamp, raster: &Raster) {
         let sigma = s.axis_sigma;
+        let column_m = SHOULDERS_M / self.trunk_width.max(1.0);
+        let innovation_m = raster.column_difference(s.axis, self.filter.column) * column_m;
+        let likeness = self.looks.known().map_or(0.0, |known| known.log_ratio(&s.appearance));
+        self.agreement.see(s.manner, innovation_m, likeness);
         self.filter.update(s.axis, sigma, raster);
         /// Nobody comes nearer or goes away by so much between frames.
         const ANOTHER: f64 = 0.5;

@@ -15,6 +15,11 @@
 //! ```
 //!
 //! That all robots are late by the same is not seen: lags count from the median robot's.
+//!
+//! Innovations are white only as long as each bearing is its target's. Two people taken for each other for two seconds are a hundred
+//! innovations that all say the same wrong thing, of which the sum above makes a lag of ten sigmas. So Λ and η are kept apart for
+//! blocks of a few seconds: how much the estimate changes when a block is left out (M. Quenouille's and J. Tukey's jackknife) is how much
+//! it owes to single events, and no sigma is told below that. A robot's errors are judged without the block that is worst for it.
 
 mod watched;
 
@@ -45,6 +50,10 @@ const TOLD_BIAS_RAD: f64 = 0.003;
 const SURE_SIGMAS: f64 = 4.0;
 const LEAST_LAG_S: f64 = 0.015;
 const LEAST_BIAS_RAD: f64 = 0.004;
+/// Innovations are summed in blocks so long, seconds; so many are needed before anything is told, and are kept at most.
+const BLOCK_S: f64 = 3.0;
+const LEAST_BLOCKS: usize = 4;
+const MAX_BLOCKS: usize = 40;
 /// Innovations (by what they tell) until the sigmas that a robot states are judged, and how many count.
 const LEAST_COUNT: f64 = 15.0;
 const MOST_COUNT: f64 = 100.0;
@@ -92,11 +101,11 @@ pub struct Systematic {
     watched: Vec<Watched>,
     /// Robots in the order of their rows below.
     numbers: Vec<usize>,
+    /// What innovations told, the oldest first.
+    blocks: VecDeque<Block>,
     /// Lag and bias of each robot, two rows each.
-    information: DMatrix<f64>,
-    vector: DVector<f64>,
     estimate: DVector<f64>,
-    robots: Vec<Fit>,
+    robots: Vec<Shared>,
     /// Frames in use, as they were stamped: robot, time used, time stamped with its sigma, pose.
     pending: VecDeque<Pending>,
     last_solve: Option<Timestamp>,
@@ -112,12 +121,46 @@ struct Pending {
     pose: Pose2,
 }
 
-/// How well a robot's errors fit its sigmas.
-#[derive(Debug, Clone, Copy, Default)]
-struct Fit {
-    count: f64,
-    mean: f64,
-    shared: Shared,
+/// What the innovations of some seconds tell.
+#[derive(Debug, Clone)]
+struct Block {
+    since: Timestamp,
+    /// Λ and η: two rows a robot.
+    information: DMatrix<f64>,
+    vector: DVector<f64>,
+    /// How well each robot's errors fit its sigmas: sum of the weights, and of the weighed excesses.
+    fits: Vec<[f64; 2]>,
+}
+
+impl Block {
+    fn new(since: Timestamp, robots: usize) -> Self {
+        let n = 2 * robots;
+        Self { since, information: DMatrix::zeros(n, n), vector: DVector::zeros(n), fits: vec![[0.0; 2]; robots] }
+    }
+
+    fn add_robot(&mut self) {
+        self.fits.push([0.0; 2]);
+        let n = 2 * self.fits.len();
+        self.information = std::mem::take(&mut self.information).resize(n, n, 0.0);
+        self.vector = std::mem::take(&mut self.vector).resize_vertically(n, 0.0);
+    }
+
+    /// One unknown begins anew; what it told of the others stays.
+    fn marginalise(&mut self, row: usize, prior_sigma: f64) {
+        let column = self.information.column(row).clone_owned();
+        let own = column[row] + prior_sigma.powi(-2);
+        self.information -= &column * column.transpose() / own;
+        let share = self.vector[row] / own;
+        self.vector -= &column * share;
+        self.information.row_mut(row).fill(0.0);
+        self.information.column_mut(row).fill(0.0);
+        self.vector[row] = 0.0;
+    }
+
+    fn forget(&mut self, keep: f64) {
+        self.information *= keep;
+        self.vector *= keep;
+    }
 }
 
 impl Systematic {
@@ -127,8 +170,7 @@ impl Systematic {
             config,
             watched: Vec::new(),
             numbers: Vec::new(),
-            information: DMatrix::zeros(0, 0),
-            vector: DVector::zeros(0),
+            blocks: VecDeque::new(),
             estimate: DVector::zeros(0),
             robots: Vec::new(),
             pending: VecDeque::new(),
@@ -138,7 +180,7 @@ impl Systematic {
 
     /// What is known of a robot.
     pub fn of(&self, robot: usize) -> Shared {
-        self.row(robot).map_or(Shared { widened: 1.0, ..Shared::default() }, |k| self.robots[k].shared)
+        self.row(robot).map_or_else(Shared::unknown, |k| self.robots[k])
     }
 
     /// A frame goes into use, corrected: what the robot itself said is kept until its owners are settled.
@@ -157,11 +199,9 @@ impl Systematic {
 
     fn add(&mut self, robot: usize) -> usize {
         self.numbers.push(robot);
-        self.robots.push(Fit { shared: Shared { widened: 1.0, ..Shared::default() }, ..Fit::default() });
-        let n = 2 * self.robots.len();
-        self.information = self.information.clone().resize(n, n, 0.0);
-        self.vector = self.vector.clone().resize_vertically(n, 0.0);
-        self.estimate = self.estimate.clone().resize_vertically(n, 0.0);
+        self.robots.push(Shared::unknown());
+        self.blocks.iter_mut().for_each(Block::add_robot);
+        self.estimate = std::mem::take(&mut self.estimate).resize_vertically(2 * self.robots.len(), 0.0);
         self.robots.len() - 1
     }
 
@@ -171,7 +211,7 @@ impl Systematic {
         self.pending.retain(|p| p.robot != robot);
         self.watched.retain(|w| !w.concerns(robot));
         self.marginalise(2 * robot + 1, BIAS_RAD);
-        let shared = &mut self.robots[robot].shared;
+        let shared = &mut self.robots[robot];
         (shared.bias_rad, shared.sure_bias_rad) = (None, 0.0);
     }
 
@@ -180,19 +220,14 @@ impl Systematic {
         self.left_station(robot);
         let Some(robot) = self.row(robot) else { return };
         self.marginalise(2 * robot, LAG_S);
-        self.robots[robot] = Fit { shared: Shared { widened: 1.0, ..Shared::default() }, ..Fit::default() };
+        self.robots[robot] = Shared::unknown();
+        self.blocks.iter_mut().for_each(|block| block.fits[robot] = [0.0; 2]);
     }
 
     /// One unknown begins anew; what it told of the others stays.
     fn marginalise(&mut self, row: usize, prior_sigma: f64) {
-        let column = self.information.column(row).clone_owned();
-        let own = column[row] + prior_sigma.powi(-2);
-        self.information -= &column * column.transpose() / own;
-        let share = self.vector[row] / own;
-        self.vector -= &column * share;
-        self.information.row_mut(row).fill(0.0);
-        self.information.column_mut(row).fill(0.0);
-        (self.vector[row], self.estimate[row]) = (0.0, 0.0);
+        self.blocks.iter_mut().for_each(|block| block.marginalise(row, prior_sigma));
+        self.estimate[row] = 0.0;
     }
 
     /// Learns from a frame whose owners are final.
@@ -222,7 +257,7 @@ impl Systematic {
             None => return,
         };
         let robot = pending.robot;
-        let widened = self.robots[robot].shared.widened;
+        let widened = self.robots[robot].widened;
         let bearing = Bearing {
             robot,
             at: pending.stamped,
@@ -236,25 +271,40 @@ impl Systematic {
         let row = |r: usize, g: [f64; 2]| g[0] * self.estimate[2 * r] + g[1] * self.estimate[2 * r + 1];
         let known: f64 = innovation.to_shared.iter().map(|&(r, g)| row(r, g)).sum();
         let rows = || innovation.to_shared.iter().flat_map(|&(r, g)| [(2 * r, g[0]), (2 * r + 1, g[1])]);
+        let block = self.block(pending.stamped);
         for (a, ga) in rows() {
-            self.vector[a] += ga * (innovation.residual_rad + known) * innovation.weight;
+            block.vector[a] += ga * (innovation.residual_rad + known) * innovation.weight;
             for (b, gb) in rows() {
-                self.information[(a, b)] += ga * gb * innovation.weight;
+                block.information[(a, b)] += ga * gb * innovation.weight;
             }
         }
-        let fit = &mut self.robots[robot];
-        if let Some(Fitting { excess, weight }) = innovation.fitting.filter(|fitting| fitting.weight > 0.0) {
-            fit.count = (fit.count + weight).min(MOST_COUNT);
-            fit.mean += (excess - fit.mean) * weight / fit.count;
+        if let Some(Fitting { excess, weight }) = innovation.fitting {
+            let [weights, excesses] = &mut block.fits[robot];
+            (*weights, *excesses) = (*weights + weight, *excesses + weight * excess);
         }
     }
 
-    fn solve(&mut self, since_s: f64) {
-        let keep = (-since_s.clamp(0.0, MEMORY_S) / MEMORY_S).exp();
-        self.information *= keep;
-        self.vector *= keep;
+    /// Where innovations of `now` are summed.
+    fn block(&mut self, now: Timestamp) -> &mut Block {
+        let robots = self.robots.len();
+        if self.blocks.back().is_none_or(|block| now.seconds_since(block.since) >= BLOCK_S) {
+            if self.blocks.len() >= MAX_BLOCKS {
+                let _ = self.blocks.pop_front();
+            }
+            self.blocks.push_back(Block::new(now, robots));
+        }
+        let last = self.blocks.len() - 1;
+        &mut self.blocks[last]
+    }
+
+    /// Λ + Λ₀ and η of all blocks but one.
+    fn sums(&self, except: Option<usize>) -> (DMatrix<f64>, DVector<f64>) {
         let n = self.robots.len();
-        let mut information = self.information.clone();
+        let (mut information, mut vector) = (DMatrix::zeros(2 * n, 2 * n), DVector::zeros(2 * n));
+        for (_, block) in self.blocks.iter().enumerate().filter(|(k, _)| Some(*k) != except) {
+            information += &block.information;
+            vector += &block.vector;
+        }
         for r in 0..n {
             information[(2 * r, 2 * r)] += LAG_S.powi(-2);
             information[(2 * r + 1, 2 * r + 1)] += BIAS_RAD.powi(-2);
@@ -262,14 +312,29 @@ impl Systematic {
         for (a, b) in (0..n).flat_map(|a| (0..n).map(move |b| (a, b))) {
             information[(2 * a, 2 * b)] += (MEAN_LAG_S * n as f64).powi(-2);
         }
+        (information, vector)
+    }
+
+    fn solve(&mut self, since_s: f64) {
+        let keep = (-since_s.clamp(0.0, MEMORY_S) / MEMORY_S).exp();
+        self.blocks.iter_mut().for_each(|block| block.forget(keep));
+        let n = self.robots.len();
+        let (information, vector) = self.sums(None);
+        // Robots that targets have told of.
+        let told = |r: usize| self.blocks.iter().map(|block| block.information[(2 * r, 2 * r)]).sum::<f64>();
+        let informed: Vec<usize> = (0..n).filter(|r| told(*r) > LAG_S.powi(-2)).collect();
         let Some(factor) = information.cholesky() else { return };
-        let estimate = factor.solve(&self.vector);
+        let estimate = factor.solve(&vector);
         let change = &estimate - &self.estimate;
         self.estimate = estimate;
         self.watched.iter_mut().for_each(|w| w.rebase(&change));
         let cov = factor.inverse();
-        // Robots that targets have told of.
-        let informed: Vec<usize> = (0..n).filter(|r| self.information[(2 * r, 2 * r)] > LAG_S.powi(-2)).collect();
+        let without: Vec<DVector<f64>> = (0..self.blocks.len())
+            .filter_map(|k| {
+                let (information, vector) = self.sums(Some(k));
+                Some(information.cholesky()?.solve(&vector))
+            })
+            .collect();
         let zero_s = median(informed.iter().map(|r| self.estimate[2 * r]).collect());
         let part = 1.0 / informed.len().max(1) as f64;
         for r in 0..n {
@@ -279,20 +344,62 @@ impl Systematic {
                 .flat_map(|a| (0..n).map(move |b| (a, b)))
                 .map(|(a, b)| contrast(a) * contrast(b) * cov[(2 * a, 2 * b)])
                 .sum();
+            let lag_var = lag_var.max(jackknife_var(&without, |e| (0..n).map(|k| contrast(k) * e[2 * k]).sum()));
+            let bias_var = cov[(2 * r + 1, 2 * r + 1)].max(jackknife_var(&without, |e| e[2 * r + 1]));
             let lag = (self.estimate[2 * r] - zero_s, lag_var.max(0.0).sqrt().hypot(LAG_FLOOR_S));
-            let bias = (self.estimate[2 * r + 1], cov[(2 * r + 1, 2 * r + 1)].sqrt().hypot(BIAS_FLOOR_RAD));
-            let lag_told = informed.len() > 1 && informed.contains(&r) && lag.1 < TOLD_LAG_S;
-            let fit = &mut self.robots[r];
-            let excess = if fit.count < LEAST_COUNT { 1.0 } else { fit.mean.max(0.0).sqrt() };
-            let shared = &mut fit.shared;
+            let bias = (self.estimate[2 * r + 1], bias_var.sqrt().hypot(BIAS_FLOOR_RAD));
+            let enough = without.len() >= LEAST_BLOCKS;
+            let lag_told = enough && informed.len() > 1 && informed.contains(&r) && lag.1 < TOLD_LAG_S;
+            let excess = self.excess(r);
+            let shared = &mut self.robots[r];
             shared.sure_lag_s = sure(lag, shared.sure_lag_s != 0.0, LEAST_LAG_S).filter(|_| lag_told).unwrap_or(0.0);
-            shared.sure_bias_rad = sure(bias, shared.sure_bias_rad != 0.0, LEAST_BIAS_RAD).unwrap_or(0.0);
+            let sure_bias = sure(bias, shared.sure_bias_rad != 0.0, LEAST_BIAS_RAD).filter(|_| enough);
+            shared.sure_bias_rad = sure_bias.unwrap_or(0.0);
             shared.lag_s = lag_told.then_some(lag);
-            shared.bias_rad = (bias.1 < TOLD_BIAS_RAD).then_some(bias);
+            shared.bias_rad = (enough && bias.1 < TOLD_BIAS_RAD).then_some(bias);
             shared.widened = if excess > WIDENED { excess } else { 1.0 };
             shared.set_aside = excess > SET_ASIDE;
         }
     }
+
+    /// By how much the robot's errors of late are larger than it states, without the block that is worst for it.
+    fn excess(&self, robot: usize) -> f64 {
+        let mut of_late: Vec<[f64; 2]> = Vec::new();
+        for fit in self.blocks.iter().rev().map(|block| block.fits[robot]).filter(|[weights, _]| *weights > 0.0) {
+            of_late.push(fit);
+            if of_late.iter().map(|[weights, _]| weights).sum::<f64>() > MOST_COUNT {
+                break;
+            }
+        }
+        let worst = (0..of_late.len()).max_by(|a, b| of_late[*a][1].total_cmp(&of_late[*b][1]));
+        if let Some(worst) = worst {
+            of_late.swap_remove(worst);
+        }
+        let [weights, excesses] =
+            of_late.iter().fold([0.0; 2], |[w, e], [weights, excesses]| [w + weights, e + excesses]);
+        if of_late.len() + 1 < LEAST_BLOCKS || weights < LEAST_COUNT {
+            1.0
+        } else {
+            (excesses / weights).max(0.0).sqrt()
+        }
+    }
+}
+
+impl Shared {
+    fn unknown() -> Self {
+        Self { widened: 1.0, ..Self::default() }
+    }
+}
+
+/// Variance of a value by how it scatters as each block of the data is left out.
+fn jackknife_var(without: &[DVector<f64>], value: impl Fn(&DVector<f64>) -> f64) -> f64 {
+    let n = without.len() as f64;
+    if n < 2.0 {
+        return f64::INFINITY;
+    }
+    let values: Vec<f64> = without.iter().map(value).collect();
+    let mean = values.iter().sum::<f64>() / n;
+    (n - 1.0) / n * values.iter().map(|v| (v - mean).powi(2)).sum::<f64>()
 }
 
 /// The estimate where it is surely not zero; once in use it stays so a little longer.

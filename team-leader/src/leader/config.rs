@@ -152,7 +152,7 @@ impl Default for CalibrationConfig {
 pub struct TargetConfig {
     /// Power of the white acceleration of a walking person, m²/s³.
     pub acceleration_m2ps3: f64,
-    /// Sway of the seen axis about the true one, metres: it does not average out over a step.
+    /// Sway of the seen axis about the true one beyond what robots state of it, metres. Agents of this project state all of it.
     pub axis_sway_m: f64,
     /// Correlation time of the bearing error, seconds.
     pub correlation_s: f64,
@@ -180,7 +180,7 @@ impl Default for TargetConfig {
     fn default() -> Self {
         Self {
             acceleration_m2ps3: 0.25,
-            axis_sway_m: 0.025,
+            axis_sway_m: 0.01,
             correlation_s: 0.25,
             person_height_m: (1.72, 0.12),
             forget_after_s: 2.0,

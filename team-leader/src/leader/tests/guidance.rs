@@ -5,7 +5,7 @@ use super::*;
 use nalgebra::Vector2;
 
 /// All at one end of the room.
-fn badly_placed(duration_s: f64, follows_from_s: Option<f64>) -> World {
+fn badly_placed(duration_s: f64, follows_from_s: Option<f64>, seed: u64) -> World {
     let places = vec![[1.4, 1.6, 0.4], [1.5, 3.0, 2.5], [1.3, 4.4, -1.8]];
     let settings = Settings {
         robots: 3,
@@ -16,12 +16,12 @@ fn badly_placed(duration_s: f64, follows_from_s: Option<f64>) -> World {
         follows_from_s,
         ..Settings::default()
     };
-    World::new(settings, 500)
+    World::new(settings, seed)
 }
 
 #[test]
 fn guidance_is_rare_worth_the_way_and_within_what_is_known() {
-    let mut world = badly_placed(22.0, None);
+    let mut world = badly_placed(22.0, None, 500);
     let mut leader = Leader::new(LeaderCoreConfig::new("lead".parse().unwrap()));
     let mut maps = Vec::new();
     world.run(&mut leader, |_, map| maps.push(map.clone()));
@@ -43,32 +43,36 @@ fn guidance_is_rare_worth_the_way_and_within_what_is_known() {
 
 #[test]
 fn who_goes_where_it_is_told_sees_the_error_fall() {
-    let mut world = badly_placed(42.0, Some(18.0));
-    let mut leader = Leader::new(LeaderCoreConfig::new("lead".parse().unwrap()));
     // Before and after: squares of errors and how many.
     let mut errors = [(0.0, 0u32); 2];
-    world.run(&mut leader, |world, map| {
-        let t = map.stamp.seconds_since(clock(0.0));
-        let part = match world.arrived_s {
-            None if t > 6.0 => 0,
-            Some(arrived_s) if t > arrived_s + 4.0 => 1,
-            _ => return,
-        };
-        let Some(gauge) = map.gauge.and_then(|g| world.robots.iter().position(|r| r.id == g)) else { return };
-        let [x, y, heading] = [[1.4, 1.6, 0.4], [1.5, 3.0, 2.5], [1.3, 4.4, -1.8]][gauge];
-        let frame = protocol::frames::Pose2::new(x, y, heading);
-        let (_, people) = world.truth_at(t);
-        for target in &map.targets {
-            let at = (frame * protocol::frames::Pose2::new(target.position_m[0], target.position_m[1], 0.0)).position();
-            let away = people.iter().map(|p| (Vector2::from(p.position) - at).norm()).fold(f64::MAX, f64::min);
-            if away < 0.5 {
-                errors[part] = (errors[part].0 + away * away, errors[part].1 + 1);
+    for seed in 500..504 {
+        let mut world = badly_placed(42.0, Some(18.0), seed);
+        let mut leader = Leader::new(LeaderCoreConfig::new("lead".parse().unwrap()));
+        world.run(&mut leader, |world, map| {
+            let t = map.stamp.seconds_since(clock(0.0));
+            let part = match world.arrived_s {
+                None if t > 6.0 => 0,
+                Some(arrived_s) if t > arrived_s + 4.0 => 1,
+                _ => return,
+            };
+            let Some(gauge) = map.gauge.and_then(|g| world.robots.iter().position(|r| r.id == g)) else { return };
+            let [x, y, heading] = [[1.4, 1.6, 0.4], [1.5, 3.0, 2.5], [1.3, 4.4, -1.8]][gauge];
+            let frame = protocol::frames::Pose2::new(x, y, heading);
+            let (_, people) = world.truth_at(t);
+            for target in &map.targets {
+                let at =
+                    (frame * protocol::frames::Pose2::new(target.position_m[0], target.position_m[1], 0.0)).position();
+                let away = people.iter().map(|p| (Vector2::from(p.position) - at).norm()).fold(f64::MAX, f64::min);
+                if away < 0.5 {
+                    errors[part] = (errors[part].0 + away * away, errors[part].1 + 1);
+                }
             }
-        }
-    });
+        });
+        let told = &world.guidance.iter().find(|(at_s, _)| *at_s > 18.0).unwrap().1;
+        println!("{seed}: {} → {} expected, {errors:?}", told.error_here_m, told.error_there_m);
+    }
     let [before, after] = errors.map(|(squares, n)| (squares / f64::from(n.max(1))).sqrt());
-    let told = &world.guidance.iter().find(|(at_s, _)| *at_s > 18.0).unwrap().1;
-    println!("{} → {}, achieved {before} → {after}", told.error_here_m, told.error_there_m);
+    println!("achieved {before} → {after}");
     assert!(errors[1].1 > 200, "{errors:?}");
     assert!(after < 0.9 * before, "{before} {after}");
 }

@@ -19,6 +19,9 @@ use crate::leader::{Input, Leader, Output};
 const ROOM_M: [f64; 2] = [8.0, 6.0];
 const STEP_S: f64 = 0.005;
 const HALF_PERSON_M: f64 = 0.23;
+/// What a robot states of the bearing of a piece of a body or of what is nobody, metres aside: the median of 1,134 such tracks in ten
+/// recorded runs is 0.15, of 382 pieces 0.17.
+const NOBODY_SIGMA_M: f64 = 0.15;
 const START_S: f64 = 1_700_000_000.0;
 
 #[derive(Debug, Clone)]
@@ -48,7 +51,8 @@ pub struct Settings {
     pub exchanges: f64,
     /// Share of bearings that are off by half a body.
     pub outliers: f64,
-    /// Stated sigmas are wrong by factors of this spread (standard deviation of the logarithm), the same over a track's life.
+    /// Stated sigmas are wrong by factors of this spread (1/√2 of the standard deviation of the logarithm: 0.41 in ten recorded runs),
+    /// the same over a track's life.
     pub sigma_spread: f64,
     /// How long a robot says of who was with others that it may be somebody else (until it has looked at the clothes), seconds.
     pub doubt_s: f64,
@@ -100,7 +104,7 @@ impl Settings {
             losses_per_s: 0.08,
             exchanges: 0.3,
             outliers: 0.05,
-            sigma_spread: 0.4,
+            sigma_spread: 0.3,
             doubt_s: 1.0,
             ..Self::default()
         }
@@ -921,7 +925,7 @@ impl World {
                 track: TrackId(number),
                 state: TrackState::Visible,
                 bearing: Angle16::from_rad(bearing + normal(&mut self.rng, 0.004)),
-                bearing_sigma: LogSigma::from_value(0.004f64.hypot(self.settings.sway_m / d)),
+                bearing_sigma: LogSigma::from_value(NOBODY_SIGMA_M / d),
                 elevation: [Angle16::from_rad(low), Angle16::from_rad(high)],
                 elevation_sigma: LogSigma::from_value(0.005),
                 ends: [ElevationEnd::Seen, ElevationEnd::Seen],

@@ -115,3 +115,38 @@ fn being_told_of_people_doubles_none_and_makes_none_where_the_picture_shows_nobo
         }
     }
 }
+
+#[test]
+fn who_has_long_walked_alone_is_told_surely_and_who_is_new_or_beside_another_is_not() {
+    let mut room = Room::new([-15.0, 20.0]);
+    let mut tracker = Tracker::new(room.raster, room.view.clone(), TrackerSettings::default());
+    // Of the walker in each frame: time, told sigma and error aside, metres.
+    let mut told: Vec<(f64, f64, f64)> = Vec::new();
+    for frame in 0..=100 {
+        let t = f64::from(frame) * 0.1;
+        let walker = Person { gray: 40, ..person(-80.0 + 15.0 * t, 2.6) };
+        // Comes towards him and goes on before him.
+        let ahead_deg = 5.0 + 25.0 * (8.0 - t).max(0.0);
+        let other = Person { gray: 170, ..person(-80.0 + 15.0 * t + ahead_deg, 1.9) };
+        let people = [walker, other];
+        room.look(if t < 6.0 { &people[..1] } else { &people });
+        let regions = crate::motion::group(&room.mask, &room.raster, [1, 1], 1);
+        let objects: Vec<_> = regions.into_iter().map(|region| Object { moves: true, region, ghost: false }).collect();
+        let scene = Scene { picture: &room.picture, objects: &objects, ..room.scene() };
+        tracker.step(&scene, Timestamp::from_secs_f64(100.0 + t), &[]);
+        let off = |v: &TrackView| difference(v.bearing_rad, walker.bearing) * walker.range_m;
+        if let Some(v) = tracker.tracks().into_iter().min_by_key(|v| v.id) {
+            told.push((t, v.bearing_sigma_rad * walker.range_m, off(&v)));
+        }
+    }
+    let mean_m = |from: f64, to: f64| {
+        let sigmas: Vec<f64> = told.iter().filter(|x| (from..to).contains(&x.0)).map(|x| x.1).collect();
+        sigmas.iter().sum::<f64>() / sigmas.len() as f64
+    };
+    let (new_m, alone_m, beside_m) = (told[0].1, mean_m(4.0, 5.5), mean_m(8.5, 10.0));
+    println!("new {new_m:.3}, alone {alone_m:.3}, beside another {beside_m:.3} m");
+    assert!(new_m > 1.5 * alone_m && beside_m > 1.5 * alone_m, "{new_m}, {alone_m}, {beside_m}");
+    for (t, sigma_m, off_m) in told {
+        assert!(off_m.abs() < 4.0 * sigma_m, "at {t:.1} s: {off_m:.3} m off, {sigma_m:.3} told");
+    }
+}
