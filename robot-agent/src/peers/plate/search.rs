@@ -31,8 +31,10 @@ const LEAST_WORTH: f32 = 0.15;
 const LEAST_GAIN: f32 = 12.0;
 /// Sensor noise and rounding in the panorama, squared grey levels.
 const NOISE2: f32 = 2.0;
-/// Most candidates of one picture.
-const MAX_CANDIDATES: usize = 24;
+/// Most candidates of one picture where one edge between stripes is in view, which much looks like, and where more are.
+const MAX_CANDIDATES: [usize; 2] = [16, 20];
+/// Stripes of which one edge is in view.
+const ONE_EDGE: usize = 2;
 
 /// A place where a plate may be.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -170,7 +172,15 @@ impl PlateSearch {
             distance_m: self.levels[l].distance_m,
             turn_rad: TURNS[usize::from(self.support[l * width + u].1)],
         };
-        strongest(peaks, width, MAX_CANDIDATES, near).into_iter().map(candidate).collect()
+        let (one, more): (Vec<Peak>, Vec<Peak>) =
+            peaks.into_iter().partition(|(_, l, _)| self.levels[*l].bands.len() <= ONE_EDGE);
+        let picked = strongest(more, width, MAX_CANDIDATES[1], near).into_iter().chain(strongest(
+            one,
+            width,
+            MAX_CANDIDATES[0],
+            near,
+        ));
+        picked.map(candidate).collect()
     }
 
     /// Support less what goes on on either side: the foot of a wall looks like two stripes all along, a plate ends.
