@@ -289,8 +289,8 @@ impl PeerDetector {
 /// What one finder says of a robot.
 struct Find {
     peer: Peer,
-    /// How badly the paint fits: 1 − correlation.
-    misfit: f64,
+    /// ln of the odds that it is one.
+    log_odds: f64,
     /// Half of the body's width, metres.
     half_m: f64,
 }
@@ -298,9 +298,9 @@ struct Find {
 /// What is expected, and what other finders have found: known (bearing, range) and finds.
 type Before<'a> = (&'a [(f64, f64)], &'a [Find]);
 
-/// One body may be taken for two kinds of marker: the better fit stands.
+/// One body may be taken for two kinds of marker: the likelier one stands.
 fn without_doubles(mut found: Vec<Find>) -> Vec<Peer> {
-    found.sort_by(|a, b| a.misfit.total_cmp(&b.misfit));
+    found.sort_by(|a, b| b.log_odds.total_cmp(&a.log_odds));
     let mut kept: Vec<Find> = Vec::new();
     for find in found {
         let is_taken = |other: &Find| {

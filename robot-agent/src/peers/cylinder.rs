@@ -171,9 +171,9 @@ impl CylinderFinder {
         }
         self.noise2 = rays.noise2();
         timings.candidates += candidates.len();
-        let mut accepted: Vec<(Found, Peer)> = Vec::new();
+        let mut accepted: Vec<Find> = Vec::new();
         for candidate in &candidates {
-            let all = || before.iter().map(|find| &find.peer).chain(accepted.iter().map(|(_, peer)| peer));
+            let all = || before.iter().map(|find| &find.peer).chain(accepted.iter().map(|find| &find.peer));
             let hidden: Vec<[f64; 2]> =
                 all().filter(|peer| peer.range_m < candidate.range_m).map(|peer| sector(peer, &self.look)).collect();
             if all().any(|peer| is_same(peer, candidate, &self.look)) {
@@ -191,24 +191,20 @@ impl CylinderFinder {
             if !is_taken {
                 continue;
             }
-            let peer = fit.peer;
+            let (log_odds, peer) = (fit.traits.log_odds(), fit.peer);
             if before.iter().any(|find| overlap(&find.peer, &peer, &self.look)) {
                 continue;
             }
-            let twin = accepted.iter().position(|(_, other)| overlap(other, &peer, &self.look));
+            let twin = accepted.iter().position(|other| overlap(&other.peer, &peer, &self.look));
+            let find = Find { log_odds, peer, half_m: self.look.radius_m };
             match twin {
-                Some(i) if accepted[i].1.confidence >= peer.confidence => {}
-                Some(i) => accepted[i] = (found, peer),
-                None if accepted.len() < MAX_PEERS => accepted.push((found, peer)),
+                Some(i) if accepted[i].peer.confidence >= find.peer.confidence => {}
+                Some(i) => accepted[i] = find,
+                None if accepted.len() < MAX_PEERS => accepted.push(find),
                 None => {}
             }
         }
-        let find = |(found, peer): (Found, Peer)| Find {
-            peer,
-            misfit: 1.0 - found.rings.correlation,
-            half_m: self.look.radius_m,
-        };
-        accepted.into_iter().map(find).collect()
+        accepted
     }
 
     fn look_closer(

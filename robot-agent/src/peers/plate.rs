@@ -34,6 +34,8 @@ use search::{PlateCandidate, PlateSearch};
 /// Turns of a known plate that the fit starts from, radians; of one that was searched for, beside the turn that was found.
 const TURNS: [f64; 5] = [0.0, -0.5, 0.5, -0.95, 0.95];
 const OTHER_TURNS: [f64; 4] = [0.0, -0.2, 0.2, 0.5];
+/// Beyond this the search cannot tell the turn, metres: a turned plate is nowhere more than a row nearer.
+const TURN_UNKNOWN_M: f64 = 2.2;
 /// A fit this good needs no other start.
 const SURE: f64 = 0.985;
 /// Turned further than this from the observer nothing is said, radians.
@@ -44,6 +46,8 @@ const WORST_CHI2: f64 = 25.0;
 /// From this χ² on, something may stand before one of the sides of a plate that seems too narrow, of which this share must show.
 const NARROW_CHI2: f64 = 9.0;
 const LEAST_SHOWN: f64 = 0.5;
+/// Columns tell to this where stripes end, pixels.
+const RUN_END_PX: f64 = 2.0;
 /// A side that something hides is where the width puts it, as surely as nothing, radians.
 const UNSEEN_SIGMA_RAD: f64 = 1.0;
 /// Another pair of sides whose χ² is larger by less is as good.
@@ -53,7 +57,7 @@ const SAME_CHI2: f64 = 0.5;
 /// The heights of the stripes are right to this when noise has averaged out, metres.
 const HEIGHT_FLOOR_M: f64 = 3e-3;
 /// Beyond, a plate is too few pixels for its stripes to be told from a cylinder's rings, metres.
-const FARTHEST_M: f64 = 5.0;
+const FARTHEST_M: f64 = 6.2;
 /// The plane's distance is right to this share when noise has averaged out; its turn to this angle.
 const PLANE_FLOOR: [f64; 2] = [6e-3, 1.5e-3];
 const MAX_PEERS: usize = 8;
@@ -151,46 +155,48 @@ impl PlateFinder {
             })
             .collect();
         if let Some(panorama) = panorama {
-            candidates.extend(self.search.run(panorama).into_iter().map(|c| (c, OTHER_TURNS.as_slice())));
+            candidates.extend(self.search.run(panorama).into_iter().map(|c| match c.distance_m < TURN_UNKNOWN_M {
+                true => (c, OTHER_TURNS.as_slice()),
+                false => (PlateCandidate { turn_rad: 0.0, ..c }, TURNS.as_slice()),
+            }));
         }
-        let mut peers: Vec<Peer> = Vec::new();
+        let mut found: Vec<Find> = Vec::new();
         for (candidate, turns) in candidates {
-            if !self.is_found(&peers, &candidate) {
+            if !self.is_found(&found, &candidate) {
                 let fit = self.look_closer(camera, rays, raw, &candidate, turns);
-                self.take(&mut peers, fit);
+                self.take(&mut found, fit);
             }
         }
         let rims = panorama.map_or(Vec::new(), |panorama| self.rim_search.run(panorama));
         for candidate in rims {
-            if !self.is_found(&peers, &candidate) {
+            if !self.is_found(&found, &candidate) {
                 let [by_stripes, by_end] = self.look_at_rim(camera, rays, raw, &candidate);
                 let is_found = by_stripes.as_ref().is_some_and(|fit| fit.is_taken);
-                self.take(&mut peers, by_stripes);
+                self.take(&mut found, by_stripes);
                 if !is_found {
-                    self.take(&mut peers, by_end);
+                    self.take(&mut found, by_end);
                 }
             }
         }
-        let half_m = 0.5 * self.look.width_m;
-        peers.into_iter().map(|peer| Find { misfit: 1.0 - peer.confidence, peer, half_m }).collect()
+        found
     }
 
     /// Whether a candidate is a plate that was found already.
-    fn is_found(&self, peers: &[Peer], candidate: &PlateCandidate) -> bool {
-        peers.iter().any(|p| {
+    fn is_found(&self, found: &[Find], candidate: &PlateCandidate) -> bool {
+        found.iter().map(|find| &find.peer).any(|p| {
             let apart = difference(p.bearing_rad, candidate.bearing_rad).abs() * p.range_m.min(candidate.distance_m);
             apart < 0.4 * self.look.width_m && (p.range_m / candidate.distance_m - 1.0).abs() < 0.25
         })
     }
 
     /// Keeps a fit that is taken for a robot, if it is not there yet.
-    fn take(&mut self, peers: &mut Vec<Peer>, fit: Option<Fit>) {
+    fn take(&mut self, found: &mut Vec<Find>, fit: Option<Fit>) {
         let Some(fit) = fit else { return };
         self.fits.keep(&fit);
-        let peer = fit.peer;
-        let is_beside = |p: &Peer| difference(p.bearing_rad, peer.bearing_rad).abs() * peer.range_m < 0.2;
-        if fit.is_taken && peers.len() < MAX_PEERS && !peers.iter().any(is_beside) {
-            peers.push(peer);
+        let (log_odds, peer) = (fit.traits.log_odds(), fit.peer);
+        let is_beside = |f: &Find| difference(f.peer.bearing_rad, peer.bearing_rad).abs() * peer.range_m < 0.2;
+        if fit.is_taken && found.len() < MAX_PEERS && !found.iter().any(is_beside) {
+            found.push(Find { log_odds, peer, half_m: 0.5 * self.look.width_m });
         }
     }
 
@@ -310,7 +316,7 @@ impl PlateFinder {
             [] => return None,
             [lone] => match self.with_end(samples, fit, lone, height_m) {
                 Some(fit) => (fit, Height::ByEnd),
-                None => (self.by_height(samples, fit, lone, height_m, height_sigma_m)?, Height::Announced),
+                None => (Self::by_height(fit, lone, height_m, height_sigma_m), Height::Announced),
             },
             _ => (fit.clone(), Height::ByStripes),
         };
@@ -412,7 +418,16 @@ impl PlateFinder {
             .filter_map(|(right, left)| self.pose(fit, plane_covariance, right?, left?))
             .collect();
         posed.sort_by(|a, b| a.chi2.total_cmp(&b.chi2));
-        let narrow = || self.half_hidden(fit, plane_covariance, right?, left?);
+        // Where one side is hidden by somebody without an upright edge of his own, the stripes end there.
+        let run_end = |other: Option<(f64, EdgeFit)>, at: f64| {
+            let (_, edge) = other?;
+            let sigma_rad = RUN_END_PX / edge.px_per_rad;
+            Some((at, EdgeFit { outwards_rad: 0.0, sigma_rad, agreement: 0.0, rows: 0, ..edge }))
+        };
+        let narrow = || {
+            let [right_end, left_end] = [run_end(left, fit.seen_rad[0]), run_end(right, fit.seen_rad[1])];
+            self.half_hidden(fit, plane_covariance, right.or(right_end)?, left.or(left_end)?)
+        };
         if posed.first().is_none_or(|best| best.chi2 > NARROW_CHI2)
             && let Some(narrow) = narrow()
         {

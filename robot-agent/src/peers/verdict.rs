@@ -7,8 +7,8 @@
 //!
 //! Cylinders' weights are of 12,825 fits: 700 rooms with robots (seeds 500000 and 510000) and 800 without (600000, 610000), 220 and 250 of
 //! teams in which nobody wears bars (520000, 620000; `--plain`), 150 and 150 through a camera of half the resolution (530000, 630000;
-//! `--camera-of tiny`). Plates' are of 3,210 fits of 600 such rooms with robots and 800 without (500000, 600000) and the latter four. They are
-//! made anew with `sim-harness peers --per-layout 1 --fits FILE` for each of these, and `sim-harness verdict FILE…`.
+//! `--camera-of tiny`). Plates' are of 3,807 fits of 750 rooms with robots (200000, 500000) and 300 without (600000), all of mixed teams and the
+//! reference camera. They are made anew with `sim-harness peers --per-layout 1 --fits FILE` for each of these, and `sim-harness verdict FILE…`.
 
 use serde::{Deserialize, Serialize};
 

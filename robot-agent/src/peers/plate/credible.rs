@@ -10,69 +10,72 @@ use super::rim::SideShown;
 use super::{Height, PlateFinder, Posed};
 
 /// Of plates of which stripes are seen.
-pub(in super::super) const STRIPES: [Weight; 22] = [
-    ("any", -19.634),
+pub(in super::super) const STRIPES: [Weight; 24] = [
+    ("any", -2.563),
     // −ln of what the columns' median correlation lacks to 1.
-    ("correlation", 0.925),
+    ("correlation", 0.558),
     // Gray level of black over white's less black's, 0 … 0.5: black paint is nearly black.
-    ("black", -8.679),
+    ("black", -5.740),
     // The bend's squared distance from a plane's in sigmas, 0 … 16, and ln of its sigma: a test that could not fail says nothing.
-    ("bend", -0.178),
-    ("bend unknown", -0.703),
+    ("bend", -0.170),
+    ("bend unknown", -0.614),
     // By how much χ² a cylinder fits worse, 0 … 25.
-    ("flat", 0.023),
+    ("flat", 0.040),
     // χ² of the width and of the height, 0 … 25 each.
-    ("width", -0.137),
-    ("height", -0.818),
+    ("width", -0.254),
+    ("height", -0.942),
     // Something may stand before one side; what is missing of the width then; another pair of sides is as good.
-    ("half hidden", -1.622),
-    ("missing", 0.311),
-    ("torn", 0.097),
+    ("half hidden", -1.877),
+    ("missing", 0.418),
+    ("torn", 0.479),
     // Shares of the columns in which a further stripe shows above or below, and stripes round a corner, and beside.
-    ("further stripe", -3.335),
-    ("corner", -2.540),
-    ("beside", -2.003),
+    ("further stripe", -3.937),
+    ("corner", -2.216),
+    ("beside", -1.804),
     // Share of the columns between the sides without stripes.
-    ("unfilled", -1.972),
+    ("unfilled", -2.132),
     // The sides' agreement of rows, 0 … 1 each, and ln of the larger sigma, pixels.
-    ("sides agree", 7.030),
-    ("sides' sigma", -0.874),
+    ("sides agree", -0.926),
+    ("sides' sigma", -0.500),
     // One edge between stripes is in view, with the upper end or as announced.
-    ("by end", -0.149),
-    ("as announced", -3.550),
+    ("by end", -0.895),
+    ("as announced", -3.163),
     // Metres beyond 3 m, and the turn's square, radians squared.
-    ("far", -0.007),
-    ("turn", 3.358),
+    ("far", -0.358),
+    ("turn", 1.735),
     // ln of contrast over noise.
-    ("contrast", 0.161),
+    ("contrast", 0.488),
+    // Shares of the columns in which the upper end is where it should be, and in which one is seen elsewhere.
+    ("upper end", 0.479),
+    ("end elsewhere", -4.641),
 ];
 /// Of plates so near that their upper end alone is measured ([`super::rim`]).
 pub(in super::super) const END: [Weight; 19] = [
-    ("any", -4.056),
+    ("any", 5.783),
     // The bend's squared distance from a straight line's in sigmas, 0 … 16, and ln of its sigma.
-    ("bend", -0.241),
-    ("bend unknown", 0.062),
+    ("bend", -0.348),
+    ("bend unknown", 1.398),
     // Front and back are told apart by so many of the columns that could tell, with black so black; or they cannot be, and the stripe in
     // view is as uneven as this, 0 … 3.
-    ("side seen", 2.598),
-    ("side unsure", 10.363),
-    ("black", -13.268),
-    ("uneven", -0.708),
-    ("width", -1.081),
-    ("half hidden", -0.753),
-    ("missing", -6.767),
-    ("torn", 1.008),
+    ("side seen", 3.548),
+    ("side unsure", -6.985),
+    ("black", -13.338),
+    ("uneven", -0.973),
+    ("width", -2.423),
+    ("half hidden", -1.930),
+    ("missing", 0.176),
+    ("torn", 0.718),
     // Share of the width by which the line falls short of a side, 0 … 0.5.
-    ("short", -8.234),
+    ("short", -8.968),
     // The sides' agreement of rows, ln of the larger sigma, pixels, and ln of the fewer rows.
-    ("sides agree", 1.657),
-    ("sides' sigma", -2.068),
-    ("rows", -0.412),
+    ("sides agree", -1.253),
+    ("sides' sigma", -2.098),
+    ("rows", -0.032),
     // Share of the columns beside in which the line goes on, and how many sides go on above.
-    ("goes on", -1.274),
-    ("sides go on", -1.077),
-    ("corner", -0.228),
-    ("contrast", -0.398),
+    ("goes on", -0.847),
+    ("sides go on", -1.032),
+    ("corner", -3.308),
+    ("contrast", -0.338),
 ];
 
 /// Least sigma of which the log is taken.
@@ -150,7 +153,8 @@ impl PlateFinder {
             turn * turn,
             contrast(fit),
         ];
-        let values = [&[1.0][..], &of_fit, &bend(fit.bend), &chi2, &hidden(posed), &around, &rest].concat();
+        let end = self.end_shown(samples, fit, [right, left]);
+        let values = [&[1.0][..], &of_fit, &bend(fit.bend), &chi2, &hidden(posed), &around, &rest, &end].concat();
         Traits { basis: Basis::Stripes, values }
     }
 

@@ -19,13 +19,15 @@ const WORST_END_PX: f64 = 0.5;
 /// Its columns are so wide, and pixels so far above and below it are looked at.
 const END_COLUMN_PX: f64 = 1.5;
 const END_REACH_PX: [f64; 2] = [3.5, 5.0];
+/// So near to the next stripe a pixel may have something of it.
+const NEXT_STRIPE_PX: f64 = 0.8;
 /// Each column's place is right to this at best, squared pixels; so many columns make an end.
 const STEP_FLOOR_PX2: f64 = 0.01;
 const LEAST_END_COLUMNS: usize = 6;
 /// Share of the columns that must agree on the upper end.
 const LEAST_END_AGREEMENT: f64 = 0.5;
-/// An upper end is unseen where less than this share of the columns agrees.
-const MOST_UNSEEN_END: f64 = 0.3;
+/// In a column it is where it should be to this, pixels.
+const END_PLACE_PX: f64 = 0.8;
 /// Rounds in which a lone edge and the upper end settle distance and height.
 const END_ROUNDS: usize = 3;
 /// Beyond an end of the plate a further stripe is like its second to this share of their contrast, and ends with this share of
@@ -59,6 +61,9 @@ pub(super) enum End {
     Lower,
 }
 
+/// One column across the upper end: how much higher than predicted it is there, that place's variance, and pixels per radian.
+type EndStep = (f64, f64, f64);
+
 /// Where the upper end of a plate is.
 struct EndFit {
     /// Higher than predicted, and the standard deviation.
@@ -79,28 +84,9 @@ impl PlateFinder {
 
     /// How much further up the plate goes than it should, column by column: each has its own light, and some have a mast.
     fn end(&self, samples: &[Sample], fit: &PlaneFit) -> Option<EndFit> {
-        let high_m = self.pillar.high_m();
-        let scale = samples.first().map(|s| f64::from(s.ray.px_per_bearing))?;
-        let wide = difference(fit.seen_rad[1], fit.seen_rad[0]);
-        let count = (wide * scale / END_COLUMN_PX) as usize;
-        let mut columns: Vec<Vec<(f64, f64)>> = vec![Vec::new(); count];
-        let (mut px_per_rad, mut n) = (0.0, 0.0);
-        for sample in samples {
-            let along = difference(f64::from(sample.ray.bearing_rad), fit.seen_rad[0]) * scale / END_COLUMN_PX;
-            if !(0.0..count as f64).contains(&along) {
-                continue;
-            }
-            let (distance, height) = fit.plane.meet(&sample.ray);
-            let higher_px = (height + fit.plane.lower_m - high_m) / sample.ray.m_per_px(distance);
-            if (-END_REACH_PX[1]..=END_REACH_PX[0]).contains(&higher_px) {
-                columns[along as usize].push((higher_px, sample.gray));
-                px_per_rad += f64::from(sample.ray.px_per_elevation);
-                n += 1.0;
-            }
-        }
-        let steps: Vec<_> = columns.iter().filter_map(|c| near::step_at(c, &[-1.5, 0.0, 1.5])).collect();
+        let (steps, count) = self.end_steps(samples, fit, fit.seen_rad);
         let middle = median(&mut steps.iter().map(|step| step.0).collect::<Vec<_>>());
-        let is_near = |step: &&(f64, f64, f64, f64)| (step.0 - middle).abs() < 0.4 + 3.0 * step.1.sqrt();
+        let is_near = |step: &&EndStep| (step.0 - middle).abs() < 0.4 + 3.0 * step.1.sqrt();
         let agreeing: Vec<_> = steps.iter().filter(is_near).collect();
         let weights: f64 = agreeing.iter().map(|step| 1.0 / (step.1 + STEP_FLOOR_PX2)).sum();
         let sum: f64 = agreeing.iter().map(|step| step.0 / (step.1 + STEP_FLOOR_PX2)).sum();
@@ -108,8 +94,39 @@ impl PlateFinder {
             higher_px: sum / weights,
             sigma_px: (1.0 / weights).sqrt(),
             agreement: agreeing.len() as f64 / count as f64,
-            px_per_rad: px_per_rad / n,
+            px_per_rad: agreeing.iter().map(|step| step.2).sum::<f64>() / agreeing.len() as f64,
         })
+    }
+
+    /// Where something ends near the upper end, in each column between two bearings that shows it, and how many columns there are.
+    fn end_steps(&self, samples: &[Sample], fit: &PlaneFit, [right, left]: [f64; 2]) -> (Vec<EndStep>, usize) {
+        let high_m = self.pillar.high_m();
+        let edges = &self.pillar.edges_m;
+        let stripe_m = high_m - edges[edges.len() - 2];
+        let Some(scale) = samples.first().map(|s| f64::from(s.ray.px_per_bearing)) else { return (Vec::new(), 0) };
+        let count = (difference(left, right) * scale / END_COLUMN_PX) as usize;
+        let mut columns: Vec<(Vec<(f64, f64)>, f64)> = vec![(Vec::new(), 0.0); count];
+        for sample in samples {
+            let along = difference(f64::from(sample.ray.bearing_rad), right) * scale / END_COLUMN_PX;
+            if !(0.0..count as f64).contains(&along) {
+                continue;
+            }
+            let (distance, height) = fit.plane.meet(&sample.ray);
+            let m_per_px = sample.ray.m_per_px(distance);
+            let higher_px = (height + fit.plane.lower_m - high_m) / m_per_px;
+            // Far away the next stripe begins sooner.
+            let down_px = END_REACH_PX[1].min(stripe_m / m_per_px - NEXT_STRIPE_PX);
+            if (-down_px..=END_REACH_PX[0]).contains(&higher_px) {
+                let (pixels, scales) = &mut columns[along as usize];
+                pixels.push((higher_px, sample.gray));
+                *scales += f64::from(sample.ray.px_per_elevation);
+            }
+        }
+        let step = |(pixels, scales): &(Vec<(f64, f64)>, f64)| {
+            let (higher_px, variance_px2, ..) = near::step_at(pixels, &[-1.5, 0.0, 1.5])?;
+            Some((higher_px, variance_px2, scales / pixels.len() as f64))
+        };
+        (columns.iter().filter_map(step).collect(), count)
     }
 
     /// A lone edge leaves distance and height open together; with the upper end they are two of two.
@@ -146,26 +163,23 @@ impl PlateFinder {
         Some(fit)
     }
 
-    /// The same where nothing can be seen of the upper end because what is behind it is as dark or as bright: the lone edge has the
-    /// announced height, as surely as `height_sigma_m` says. `None` where the upper end shows, elsewhere.
-    pub(super) fn by_height(
-        &self,
-        samples: &[Sample],
-        fit: &PlaneFit,
-        edge_m: f64,
-        camera_height_m: f64,
-        height_sigma_m: f64,
-    ) -> Option<PlaneFit> {
+    /// The same where too little can be seen of the upper end because somebody hides it or what is behind it is as dark or as bright:
+    /// the lone edge has the announced height, as surely as `height_sigma_m` says.
+    pub(super) fn by_height(fit: &PlaneFit, edge_m: f64, camera_height_m: f64, height_sigma_m: f64) -> PlaneFit {
         let lone = camera_height_m - edge_m;
         let mut fit = fit.clone();
         fit.plane.c *= lone / (lone + fit.plane.lower_m).max(0.5 * lone);
         fit.plane.lower_m = 0.0;
-        if self.end(samples, &fit).is_some_and(|end| end.agreement >= MOST_UNSEEN_END) {
-            return None;
-        }
         let c_sigma = fit.plane.c * height_sigma_m / lone.abs().max(1e-3);
         fit.covariance = Matrix2::new(fit.covariance[(0, 0)], 0.0, 0.0, c_sigma * c_sigma);
-        Some(fit)
+        fit
+    }
+
+    /// Shares of the columns between two bearings in which the upper end is where it should be, and in which one is seen elsewhere.
+    pub(super) fn end_shown(&self, samples: &[Sample], fit: &PlaneFit, [right, left]: [f64; 2]) -> [f64; 2] {
+        let (steps, count) = self.end_steps(samples, fit, [right, left]);
+        let there = steps.iter().filter(|step| step.0.abs() < END_PLACE_PX).count();
+        [there, steps.len() - there].map(|n| n as f64 / count.max(1) as f64)
     }
 
     /// Share of the columns between two bearings that show the plate's stripes.

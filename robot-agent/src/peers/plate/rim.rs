@@ -37,7 +37,7 @@ const MOST_LINE: i32 = 30;
 const OUTLINE_ROWS: [usize; 2] = [3, 8];
 /// Columns between two places of the search.
 const STRIDE: usize = 2;
-const MAX_CANDIDATES: usize = 16;
+const MAX_CANDIDATES: usize = 32;
 /// Columns of the fit: so many at most, so wide at least, pixels.
 const MOST_COLUMNS: f64 = 80.0;
 const COLUMN_PX: f64 = 1.5;

@@ -31,8 +31,10 @@ const LEAST_WORTH: f32 = 0.15;
 const LEAST_GAIN: f32 = 12.0;
 /// Sensor noise and rounding in the panorama, squared grey levels.
 const NOISE2: f32 = 2.0;
-/// Most candidates of one picture.
-const MAX_CANDIDATES: usize = 24;
+/// Most candidates of one picture where one edge between stripes is in view, which much looks like, and where more are.
+const MAX_CANDIDATES: [usize; 2] = [16, 20];
+/// Stripes of which one edge is in view.
+const ONE_EDGE: usize = 2;
 
 /// A place where a plate may be.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -102,7 +104,7 @@ impl PlateSearch {
         self.grid.width * self.grid.height
     }
 
-    /// Candidates, best first. `panorama` holds one byte a pixel of the grid.
+    /// Candidates, those of which several edges are in view before the others, best first in either. `panorama` holds one byte a pixel of the grid.
     pub fn run(&mut self, panorama: &[u8]) -> Vec<PlateCandidate> {
         let Grid { width, height, .. } = self.grid;
         kernel::integrate(panorama, width, height, self.pad, &mut self.sums, &mut self.squares);
@@ -170,7 +172,15 @@ impl PlateSearch {
             distance_m: self.levels[l].distance_m,
             turn_rad: TURNS[usize::from(self.support[l * width + u].1)],
         };
-        strongest(peaks, width, MAX_CANDIDATES, near).into_iter().map(candidate).collect()
+        let (one, more): (Vec<Peak>, Vec<Peak>) =
+            peaks.into_iter().partition(|(_, l, _)| self.levels[*l].bands.len() <= ONE_EDGE);
+        let picked = strongest(more, width, MAX_CANDIDATES[1], near).into_iter().chain(strongest(
+            one,
+            width,
+            MAX_CANDIDATES[0],
+            near,
+        ));
+        picked.map(candidate).collect()
     }
 
     /// Support less what goes on on either side: the foot of a wall looks like two stripes all along, a plate ends.
@@ -215,7 +225,11 @@ mod tests {
         {
             let panorama = drawn(&grid, &look, bearing, distance, turn, is_back);
             let found = search.run(&panorama);
-            let best = found.first().unwrap_or_else(|| panic!("nothing at {bearing} {distance} {turn}"));
+            // Nearer than this one edge between stripes is in view.
+            let best = found
+                .iter()
+                .find(|c| (c.distance_m < 1.1) == (distance < 1.1))
+                .unwrap_or_else(|| panic!("nothing at {bearing} {distance} {turn}"));
             let apart = protocol::angle::difference(best.bearing_rad, bearing).abs() * distance;
             assert!(apart < 0.08, "{bearing} {distance}: {best:?}");
             assert!((best.distance_m / distance - 1.0).abs() < 0.08, "{bearing} {distance}: {best:?}");
