@@ -747,8 +747,8 @@ impl MotionStage {
         }
         let exposure_q15 = gain::inverse_q15(self.gain);
         let mut differing = 0;
-        // Less than that cannot make a changed scene.
-        let counted = self.work.worked_share() > 0.4;
+        // Only so many can make a changed scene.
+        let counted = scene_changed(self.valid_count, self.work.worked_pixels());
         self.wipe_left();
         for band in 0..self.raster.height.div_ceil(halo::CELL) {
             self.halo.band();

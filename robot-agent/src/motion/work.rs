@@ -3,9 +3,10 @@
 //! Problem: unwarping, comparing and learning cost time a pixel, and a standing robot's picture changes in a tenth of them. Insight:
 //! whether a piece of the raw picture still shows what it showed when it was last unwarped is seen far more cheaply (see
 //! [`crate::panorama::Watch`]), and more surely than pixel by pixel, for a block averages the camera's noise. So the picture is cut
-//! into cells. A cell is worked where something changed, where something is or was of late, and in turns a few times a second, which
+//! into cells. A cell is worked where something changed, where something is or was of late, and in turns about once a second, which
 //! is all that background and noise need; elsewhere its last panorama stands and it has no marks. All cells are worked while there
-//! is no background and while the robot moves.
+//! is no background and while the robot moves. A look costs time, too: cells into which an object may come until the next frame are
+//! looked at in every frame, the others about ten times a second.
 
 use std::ops::Range;
 
@@ -31,8 +32,8 @@ const OUTLINE: usize = 3;
 const WALKS: f64 = 0.05;
 /// A picture of which a larger share of cells changes is worked whole.
 const MOST_CHANGED: f64 = 0.4;
-/// While a smaller share changes a picture is quiet.
-const MOST_QUIET: f64 = 0.08;
+/// While no larger share of the cells that are looked at changes a picture is quiet.
+const MOST_QUIET: f64 = 0.2;
 
 /// How a cell is worked in this frame.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -78,7 +79,8 @@ pub struct Work {
     look: usize,
     /// Pixels round an object into which it may come until the next frame.
     margin: usize,
-    /// Cells in which something changed that were not worked anyway.
+    /// Cells that were looked at, and those in which something changed.
+    looked: usize,
     changed: usize,
     whole: bool,
     /// Whether the robot stands.
@@ -106,6 +108,7 @@ impl Work {
             look_turns: 1,
             look: 0,
             margin: OUTLINE,
+            looked: 0,
             changed: 0,
             whole: true,
             steady: false,
@@ -151,7 +154,7 @@ impl Work {
         self.frame = (self.frame + 1) % self.rest;
         self.look_turns = ((LOOK_S / spacing_s + TIE).round() as usize).clamp(1, MOST_LOOK_TURNS);
         self.look = self.look.wrapping_add(1);
-        self.changed = 0;
+        (self.looked, self.changed) = (0, 0);
         self.margin = OUTLINE + (WALKS * self.raster.width as f64 * spacing_s).ceil() as usize;
         let cells = self.cells.len();
         for (i, (cell, warm)) in self.cells.iter_mut().zip(&self.warm).enumerate() {
@@ -190,9 +193,9 @@ impl Work {
         self.cells[band * self.columns + column] != Cell::Rests
     }
 
-    /// The share of cells that are worked.
-    pub(super) fn worked_share(&self) -> f64 {
-        self.cells.iter().filter(|cell| **cell != Cell::Rests).count() as f64 / self.cells.len() as f64
+    /// How many pixels are worked at most.
+    pub(super) fn worked_pixels(&self) -> usize {
+        self.cells.iter().filter(|cell| **cell != Cell::Rests).count() * COLUMNS * ROWS
     }
 
     /// Whether all cells are.
@@ -212,15 +215,18 @@ impl Work {
         !self.is_looked_at(column, band) && !self.is_worked(column, band)
     }
 
-    /// Something changed in a cell.
-    pub(crate) fn note_change(&mut self, column: usize, band: usize) {
-        self.changed += 1;
-        self.draw(column, band);
+    /// A cell was looked at; whether something changed in it.
+    pub(crate) fn note_look(&mut self, column: usize, band: usize, changed: bool) {
+        self.looked += 1;
+        if changed {
+            self.changed += 1;
+            self.draw(column, band);
+        }
     }
 
     /// Whether hardly anything changes but where something is followed.
     pub(super) fn is_quiet(&self) -> bool {
-        !self.whole && (self.changed as f64) < MOST_QUIET * self.cells.len() as f64
+        !self.whole && self.changed as f64 <= MOST_QUIET * self.looked as f64
     }
 
     /// A cell is drawn.

@@ -1,7 +1,7 @@
 //! Sees in a camera's own picture where its panorama need not be drawn again.
 //!
-//! Each cell of the panorama (see [`Work`]) has blocks of 128 pixels of the picture, taken from every second to fourth row of what
-//! the cell shows. Their sum of absolute differences to the picture that the cell was last drawn from is, where nothing changed,
+//! Each cell of the panorama (see [`Work`]) has blocks of 128 pixels of the picture, taken from some rows of what the cell shows,
+//! every one of small pictures to every eighth of large ones. Their sum of absolute differences to the picture that the cell was last drawn from is, where nothing changed,
 //! the camera's noise, which is learnt block by block: it scatters by 7 %, so a threshold 28 % above it is passed by one block in
 //! 10⁵ by chance. It sees a block that is 1.2, and half a block that is 1.6 standard deviations of the noise brighter or darker than it was; the
 //! change stage needs 4 of them somewhere in each body. What changes slowly is seen when it has changed as much, since the reference stays.
@@ -137,14 +137,19 @@ impl Watch {
         let bands = self.cells.len() / self.columns;
         let mut looked = std::mem::take(&mut self.looked);
         looked.clear();
-        looked.extend((0..self.cells.len()).filter(|i| work.is_looked_at(i / bands, i % bands)));
+        looked.extend(self.seen_cells().filter(|i| work.is_looked_at(i / bands, i % bands)));
         let changed = self.look_at(source, &looked, work);
         if changed as f64 > MANY * looked.len() as f64 {
             looked.clear();
-            looked.extend((0..self.cells.len()).filter(|i| work.is_passed_over(i / bands, i % bands)));
+            looked.extend(self.seen_cells().filter(|i| work.is_passed_over(i / bands, i % bands)));
             self.look_at(source, &looked, work);
         }
         self.looked = looked;
+    }
+
+    /// Cells of which the camera sees something.
+    fn seen_cells(&self) -> impl Iterator<Item = usize> {
+        self.cells.iter().enumerate().filter(|(_, blocks)| !blocks.is_empty()).map(|(i, _)| i)
     }
 
     /// Looks at some cells; how many have changed.
@@ -159,10 +164,8 @@ impl Watch {
             kernel::differences(source, places, &self.reference[blocks.clone()], &self.places[next], sums);
             let expected = &mut self.expected[blocks];
             let changed = sums.iter().zip(&*expected).any(|(sum, expected)| has_changed(*sum, *expected));
-            if changed {
-                work.note_change(i / bands, i % bands);
-                all_changed += 1;
-            }
+            work.note_look(i / bands, i % bands, changed);
+            all_changed += usize::from(changed);
             let (most, pace) = (self.most_expected, if changed { SLOWLY } else { FOLLOW });
             sums.iter().zip(expected).for_each(|(sum, expected)| follow(*sum, pace, most, expected));
         }
