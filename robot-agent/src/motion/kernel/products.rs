@@ -14,12 +14,22 @@ type Fours = [[u32; COLUMNS / 4]; 4];
 pub fn products_by_fours(marks: &[u64], picture: &[u8], background: &[u16], noise: &[u16], width: usize) -> Fours {
     let mut fours = Fours::default();
     #[cfg(target_arch = "x86_64")]
-    if available() >= Level::Avx2 {
-        for group in 0..COLUMNS / GROUP {
-            // SAFETY: the processor has these instructions.
-            unsafe { sum_group_avx2(marks, picture, background, noise, width, group, &mut fours) };
+    match available() {
+        Level::Avx512 => {
+            for half in 0..COLUMNS / HALF {
+                // SAFETY: the processor has these instructions.
+                unsafe { sum_half_avx512(marks, picture, background, noise, width, half, &mut fours) };
+            }
+            return fours;
         }
-        return fours;
+        Level::Avx2 => {
+            for group in 0..COLUMNS / GROUP {
+                // SAFETY: the processor has these instructions.
+                unsafe { sum_group_avx2(marks, picture, background, noise, width, group, &mut fours) };
+            }
+            return fours;
+        }
+        Level::Portable => {}
     }
     for (row, &bits) in marks.iter().enumerate() {
         for i in (0..COLUMNS).filter(|i| bits >> i & 1 != 0) {
@@ -34,8 +44,10 @@ pub fn products_by_fours(marks: &[u64], picture: &[u8], background: &[u16], nois
     fours
 }
 
-/// Columns that are worked together.
+/// Columns that AVX2 works together.
 const GROUP: usize = 16;
+/// Columns that AVX-512 works together.
+const HALF: usize = 32;
 
 /// The sums of one group of columns, sixteen products at a time: all values have at most 15 bits. Sums of two columns stay in
 /// registers.
@@ -64,8 +76,8 @@ fn sum_group_avx2(
         let marked = _mm256_and_si256(_mm256_set1_epi16((bits >> (GROUP * group)) as i16), bit);
         let marked = _mm256_cmpeq_epi16(marked, bit);
         let at = row * width + GROUP * group;
-        let c = sixteen(picture, at, &mut c_end);
-        let (b, s) = (sixteen(background, at, &mut b_end), sixteen(noise, at, &mut s_end));
+        let c = several(picture, at, &mut c_end);
+        let (b, s) = (several(background, at, &mut b_end), several(noise, at, &mut s_end));
         // SAFETY: 16 and 32 bytes are read of as many.
         let (c, b, s) = unsafe {
             (
@@ -97,14 +109,64 @@ fn sum_group_avx2(
     }
 }
 
-/// Sixteen values from place `at` on; where there are fewer, they and zeros in `space`.
+/// The same of a half of the columns.
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx512f,avx512bw,avx512vl")]
+fn sum_half_avx512(
+    marks: &[u64],
+    picture: &[u8],
+    background: &[u16],
+    noise: &[u16],
+    width: usize,
+    half: usize,
+    fours: &mut Fours,
+) {
+    use std::arch::x86_64::*;
+    let any = marks.iter().fold(0, |any, bits| any | bits);
+    if (any >> (HALF * half)) as u32 == 0 {
+        return;
+    }
+    let (mut c_end, mut b_end, mut s_end) = ([0; HALF], [0; HALF], [0; HALF]);
+    let zero = _mm512_setzero_si512();
+    let (mut cc, mut cb, mut bb, mut ss) = (zero, zero, zero, zero);
+    for (row, &bits) in marks.iter().enumerate() {
+        let marked = (bits >> (HALF * half)) as u32;
+        let at = row * width + HALF * half;
+        let c = several(picture, at, &mut c_end);
+        let (b, s) = (several(background, at, &mut b_end), several(noise, at, &mut s_end));
+        // SAFETY: 32 and 64 bytes are read of as many.
+        let (c, b, s) = unsafe {
+            (
+                _mm512_maskz_cvtepu8_epi16(marked, _mm256_loadu_si256(c.as_ptr().cast())),
+                _mm512_loadu_si512(b.as_ptr().cast()),
+                _mm512_loadu_si512(s.as_ptr().cast()),
+            )
+        };
+        let c = _mm512_slli_epi16::<3>(c);
+        let (b, s) = (_mm512_maskz_srli_epi16::<5>(marked, b), _mm512_maskz_mov_epi16(marked, s));
+        cc = _mm512_add_epi32(cc, _mm512_madd_epi16(c, c));
+        cb = _mm512_add_epi32(cb, _mm512_madd_epi16(c, b));
+        bb = _mm512_add_epi32(bb, _mm512_madd_epi16(b, b));
+        ss = _mm512_add_epi32(ss, _mm512_madd_epi16(s, s));
+    }
+    for (pairs, sums) in [cc, cb, bb, ss].into_iter().zip(fours) {
+        let four = _mm512_add_epi32(pairs, _mm512_srli_epi64::<32>(pairs));
+        if let Some(eight) = sums[HALF / 4 * half..].first_chunk_mut::<8>() {
+            // SAFETY: 32 bytes are written of 32.
+            unsafe { _mm256_storeu_si256(eight.as_mut_ptr().cast(), _mm512_cvtepi64_epi32(four)) };
+        }
+    }
+}
+
+/// Values from place `at` on; where there are fewer, they and zeros in `space`.
+#[cfg(target_arch = "x86_64")]
 #[inline(always)]
-fn sixteen<'a, T: Copy + Default>(values: &'a [T], at: usize, space: &'a mut [T; GROUP]) -> &'a [T; GROUP] {
+fn several<'a, const N: usize, T: Copy + Default>(values: &'a [T], at: usize, space: &'a mut [T; N]) -> &'a [T; N] {
     let values = values.get(at..).unwrap_or(&[]);
     if let Some(whole) = values.first_chunk() {
         return whole;
     }
-    *space = [T::default(); GROUP];
+    *space = [T::default(); N];
     space[..values.len()].copy_from_slice(values);
     space
 }
