@@ -189,6 +189,7 @@ impl Work {
     }
 
     /// Whether a cell is worked.
+    #[inline]
     pub(crate) fn is_worked(&self, column: usize, band: usize) -> bool {
         self.cells[band * self.columns + column] != Cell::Rests
     }
@@ -204,6 +205,7 @@ impl Work {
     }
 
     /// Whether a cell that rests is to be looked at in this frame: where something may come into it, or in its turn.
+    #[inline]
     pub(crate) fn is_looked_at(&self, column: usize, band: usize) -> bool {
         let cell = band * self.columns + column;
         let its_turn = (column + self.look).is_multiple_of(self.look_turns);
@@ -346,11 +348,13 @@ pub(super) struct Run {
 
 impl Run {
     /// Where it lies in a picture of some width, in row `y`.
+    #[inline]
     pub(super) fn pixels(&self, y: usize, width: usize) -> Range<usize> {
         y * width + self.columns.start..y * width + self.columns.end
     }
 
     /// The same in rows of `stride` words.
+    #[inline]
     pub(super) fn marks(&self, y: usize, stride: usize) -> Range<usize> {
         y * stride + self.words.start..y * stride + self.words.end
     }

@@ -45,8 +45,10 @@ pub fn products_by_fours(marks: &[u64], picture: &[u8], background: &[u16], nois
 }
 
 /// Columns that AVX2 works together.
+#[cfg(target_arch = "x86_64")]
 const GROUP: usize = 16;
 /// Columns that AVX-512 works together.
+#[cfg(target_arch = "x86_64")]
 const HALF: usize = 32;
 
 /// The sums of one group of columns, sixteen products at a time: all values have at most 15 bits. Sums of two columns stay in
