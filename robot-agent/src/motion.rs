@@ -383,7 +383,7 @@ impl MotionStage {
         }
         self.objects.clear();
         // Where most of a picture rests it shows what it showed: its light is the same but for what turns tell.
-        self.looks_at_light = self.work.is_whole() || !is_within(LIGHT_S, self.light_seen, capture);
+        self.looks_at_light = self.work.is_fresh() || !is_within(LIGHT_S, self.light_seen, capture);
         let drawn = if in_place { &self.picture } else { &self.next };
         let failure = if self.looks_at_light { sensor::failure(drawn, &self.valid) } else { None };
         if let Some(failure) = failure {
@@ -411,9 +411,9 @@ impl MotionStage {
 
         let before = self.motion;
         self.motion = if self.settings.own_motion {
-            let Self { own_motion, before, picture, background, first, state, noise_sigma, work, .. } = self;
+            let Self { own_motion, before, picture, background, first, state, noise_sigma, .. } = self;
             let anchor = anchor(*state, background, first);
-            own_motion.step(picture, before, anchor, *noise_sigma, capture, work.is_quiet())
+            own_motion.step(picture, before, anchor, *noise_sigma, capture)
         } else {
             Motion::Standing
         };
@@ -851,7 +851,7 @@ const MAX_TURNS: usize = 8;
 /// Frames from one look at the noise of all pixels to the next.
 const NOISE_FRAMES: usize = 8;
 /// The light of a picture of which most rests is looked at so often, seconds.
-const LIGHT_S: f64 = 0.1;
+const LIGHT_S: f64 = 0.07;
 /// Pixels round an object that are not learnt: its blurred outline and its next step.
 const MARGIN: usize = 3;
 /// Least age of the frame for the change gate.

@@ -91,8 +91,8 @@ impl Holes {
 
 /// Marks some columns.
 fn mark(row: &mut [u64], columns: Range<usize>) {
-    for w in columns.start / WORD..columns.end.div_ceil(WORD) {
-        row[w] |= bits_between(w, columns.start, columns.end);
+    for (w, word) in row.iter_mut().enumerate().take(columns.end.div_ceil(WORD)).skip(columns.start / WORD) {
+        *word |= bits_between(w, columns.start, columns.end);
     }
 }
 

@@ -54,9 +54,7 @@ const LEFT_SHARE: f64 = 0.25;
 /// … and above this share, frame by frame, it stands again.
 const STILL_SHARE: f64 = 0.5;
 /// A standing robot is compared with its anchor so often at most, seconds: a fast camera's frames say nothing new.
-const COMPARE_S: f64 = 0.07;
-/// The same while hardly anything in the picture changes: then only a robot that creeps may be leaving.
-const COMPARE_QUIET_S: f64 = 0.25;
+const COMPARE_S: f64 = 0.082;
 /// Frames in a row that decide.
 const FRAMES_TO_LEAVE: u32 = 2;
 const FRAMES_TO_STAND: u32 = 3;
@@ -68,6 +66,10 @@ pub(crate) enum Anchor<'a> {
     Picture(&'a [u8]),
     /// In 8.8 fixed point.
     Background(&'a [u16]),
+}
+
+fn is_soon(elapsed_s: f64) -> bool {
+    (0.0..COMPARE_S).contains(&elapsed_s)
 }
 
 /// The judge of own motion, with its memory.
@@ -87,7 +89,7 @@ impl OwnMotion {
     }
 
     /// Judge a picture. `before`: the one before, empty where there is none; `anchor`: the background, where there is one;
-    /// `noise_sigma`: grey levels; `quiet`: hardly anything in it has changed.
+    /// `noise_sigma`: grey levels.
     pub(crate) fn step(
         &mut self,
         picture: &[u8],
@@ -95,12 +97,9 @@ impl OwnMotion {
         anchor: Option<Anchor<'_>>,
         noise_sigma: f64,
         capture: Timestamp,
-        quiet: bool,
     ) -> Motion {
-        let often_s = if quiet && self.count == 0 { COMPARE_QUIET_S } else { COMPARE_S };
-        let is_soon = |compared| (0.0..often_s).contains(&capture.seconds_since(compared));
         match (self.state, anchor) {
-            (Motion::Standing, Some(_)) if self.compared.is_some_and(is_soon) => {}
+            (Motion::Standing, Some(_)) if self.compared.is_some_and(|c| is_soon(capture.seconds_since(c))) => {}
             (Motion::Standing, Some(anchor)) => {
                 self.compared = Some(capture);
                 let c = self.compare(anchor, picture, ANCHOR_TOLERANCE_PX, noise_sigma, Some(LEFT_SHARE));

@@ -32,8 +32,6 @@ const OUTLINE: usize = 3;
 const WALKS: f64 = 0.05;
 /// A picture of which a larger share of cells changes is worked whole.
 const MOST_CHANGED: f64 = 0.4;
-/// While no larger share of the cells that are looked at changes a picture is quiet.
-const MOST_QUIET: f64 = 0.2;
 
 /// How a cell is worked in this frame.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -79,9 +77,8 @@ pub struct Work {
     look: usize,
     /// Pixels round an object into which it may come until the next frame.
     margin: usize,
-    /// Cells that were looked at, and those in which something changed.
-    looked: usize,
-    changed: usize,
+    /// Whether all cells are drawn, because somebody wants to see them.
+    all_drawn: bool,
     whole: bool,
     /// Whether the robot stands.
     steady: bool,
@@ -108,8 +105,7 @@ impl Work {
             look_turns: 1,
             look: 0,
             margin: OUTLINE,
-            looked: 0,
-            changed: 0,
+            all_drawn: false,
             whole: true,
             steady: false,
             noted: false,
@@ -154,7 +150,7 @@ impl Work {
         self.frame = (self.frame + 1) % self.rest;
         self.look_turns = ((LOOK_S / spacing_s + TIE).round() as usize).clamp(1, MOST_LOOK_TURNS);
         self.look = self.look.wrapping_add(1);
-        (self.looked, self.changed) = (0, 0);
+        self.all_drawn = false;
         self.margin = OUTLINE + (WALKS * self.raster.width as f64 * spacing_s).ceil() as usize;
         let cells = self.cells.len();
         for (i, (cell, warm)) in self.cells.iter_mut().zip(&self.warm).enumerate() {
@@ -194,6 +190,11 @@ impl Work {
         self.cells[band * self.columns + column] != Cell::Rests
     }
 
+    /// Whether no cell shows anything but this picture.
+    pub(super) fn is_fresh(&self) -> bool {
+        self.whole || self.all_drawn
+    }
+
     /// How many pixels are worked at most.
     pub(super) fn worked_pixels(&self) -> usize {
         self.cells.iter().filter(|cell| **cell != Cell::Rests).count() * COLUMNS * ROWS
@@ -217,21 +218,7 @@ impl Work {
         !self.is_looked_at(column, band) && !self.is_worked(column, band)
     }
 
-    /// A cell was looked at; whether something changed in it.
-    pub(crate) fn note_look(&mut self, column: usize, band: usize, changed: bool) {
-        self.looked += 1;
-        if changed {
-            self.changed += 1;
-            self.draw(column, band);
-        }
-    }
-
-    /// Whether hardly anything changes but where something is followed.
-    pub(super) fn is_quiet(&self) -> bool {
-        !self.whole && self.changed as f64 <= MOST_QUIET * self.looked as f64
-    }
-
-    /// A cell is drawn.
+    /// Something changed in a cell.
     pub(crate) fn draw(&mut self, column: usize, band: usize) {
         let cell = &mut self.cells[band * self.columns + column];
         if *cell == Cell::Rests {
@@ -241,6 +228,7 @@ impl Work {
 
     /// All cells are drawn, because somebody wants to see them.
     pub(super) fn draw_all(&mut self) {
+        self.all_drawn = true;
         for cell in self.cells.iter_mut().filter(|cell| **cell == Cell::Rests) {
             *cell = Cell::Drawn;
         }

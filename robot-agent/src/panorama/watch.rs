@@ -164,8 +164,10 @@ impl Watch {
             kernel::differences(source, places, &self.reference[blocks.clone()], &self.places[next], sums);
             let expected = &mut self.expected[blocks];
             let changed = sums.iter().zip(&*expected).any(|(sum, expected)| has_changed(*sum, *expected));
-            work.note_look(i / bands, i % bands, changed);
-            all_changed += usize::from(changed);
+            if changed {
+                work.draw(i / bands, i % bands);
+                all_changed += 1;
+            }
             let (most, pace) = (self.most_expected, if changed { SLOWLY } else { FOLLOW });
             sums.iter().zip(expected).for_each(|(sum, expected)| follow(*sum, pace, most, expected));
         }

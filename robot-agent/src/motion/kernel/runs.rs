@@ -117,8 +117,8 @@ pub fn add_to_rows(
         let inner = Run { row: run.row, start: run.start + (from - first) as u32, len: end.saturating_sub(from) as u32 };
         for_blocks(&inner, width, |at, _, n| {
             let values = block(values, at);
-            for i in 0..BLOCK {
-                let value = values[i].min(most);
+            for (i, value) in values.into_iter().enumerate() {
+                let value = value.min(most);
                 sum = sum.wrapping_add(u32::from(if i < n { value } else { 0 }));
             }
         });
