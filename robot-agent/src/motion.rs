@@ -39,7 +39,7 @@ use protocol::time::Timestamp;
 
 use background::Learnt;
 pub use background::{Background, BackgroundMode, LearningRate};
-pub use drawing::Drawing;
+pub use drawing::{Canvas, Drawing};
 pub use gate::{region_moves, scene_changed};
 pub use raster::{Arc, Raster};
 pub(crate) use regions::Run;
@@ -49,6 +49,7 @@ pub(crate) use work::{COLUMNS as CELL_COLUMNS, ROWS as CELL_ROWS};
 
 use filter::Majority;
 use halo::Halo;
+use holes::Holes;
 use marks::Marks;
 use own_motion::{Anchor, OwnMotion};
 use regions::Grouping;
@@ -232,6 +233,7 @@ pub struct MotionStage {
     upright: Marks,
     low: Marks,
     grouping: Grouping,
+    holes: Holes,
     /// The pixels of objects, for the tracker.
     mask: Vec<u8>,
     /// The runs of `mask` that are not 0.
@@ -241,8 +243,8 @@ pub struct MotionStage {
     how: Vec<u8>,
     /// Frames learnt from: each learns its turn of the picture.
     learnt: usize,
-    /// When something last moved at a pixel, tenths of a second since `first_capture`.
-    moved_ds: Vec<u32>,
+    /// When something last moved at a pixel, tenths of a second since `first_capture`, which begin anew after two hours.
+    moved_ds: Vec<u16>,
     first_capture: Option<Timestamp>,
     capture: Timestamp,
     previous_capture: Timestamp,
@@ -256,6 +258,9 @@ pub struct MotionStage {
     /// Picture / background, the light's common factor.
     gain: f64,
     light: gain::Light,
+    /// When the light was last looked at, and whether it is in this frame.
+    light_seen: Option<Timestamp>,
+    looks_at_light: bool,
     sensor_failed: bool,
     frozen: sensor::Frozen,
     work: Work,
@@ -311,6 +316,7 @@ impl MotionStage {
             upright: Marks::new(raster),
             low: Marks::new(raster),
             grouping: Grouping::default(),
+            holes: Holes::default(),
             mask: vec![0; n],
             drawn: Vec::new(),
             gate_threshold: u8::MAX,
@@ -327,6 +333,8 @@ impl MotionStage {
             noise_sigma: 2.0,
             gain: 1.0,
             light: gain::Light::default(),
+            light_seen: None,
+            looks_at_light: true,
             sensor_failed: false,
             frozen: sensor::Frozen::default(),
             work: Work::new(raster),
@@ -374,7 +382,11 @@ impl MotionStage {
             self.work.work_all();
         }
         self.objects.clear();
-        if let Some(failure) = sensor::failure(if in_place { &self.picture } else { &self.next }, &self.valid) {
+        // Where most of a picture rests it shows what it showed: its light is the same but for what turns tell.
+        self.looks_at_light = self.work.is_fresh() || !is_within(LIGHT_S, self.light_seen, capture);
+        let drawn = if in_place { &self.picture } else { &self.next };
+        let failure = if self.looks_at_light { sensor::failure(drawn, &self.valid) } else { None };
+        if let Some(failure) = failure {
             if in_place {
                 self.next.copy_from_slice(&self.picture);
             }
@@ -388,6 +400,9 @@ impl MotionStage {
             self.previous_is_before = false;
             self.motion = Motion::Unknown;
             return Change { motion: self.motion, background: self.state, alarm };
+        }
+        if self.looks_at_light {
+            self.light_seen = Some(capture);
         }
         self.sensor_failed = false;
         self.take(capture, in_place);
@@ -444,14 +459,12 @@ impl MotionStage {
         // Where people are known by their silhouettes those judge what is whole.
         let whole = self.settings.upright_row.is_none();
         if whole {
-            regions = regions.into_iter().map(|r| holes::filled(r, &self.raster)).collect();
+            regions = regions.into_iter().filter_map(|r| self.holes.fill(r, &self.raster)).collect();
         }
         regions.retain(|r| {
             // A real body is clearly different somewhere.
-            let strong: usize = r.spans().map(|(row, start, len)| self.strong.count(row, start, len)).sum();
             r.area >= self.settings.min_area_px
-                && strong >= (r.area / 12).max(4)
-                && (!whole || holes::is_solid(r, &self.raster))
+                && has_marks(r, &self.strong, (r.area / 12).max(4))
                 && !floor::is_soft_shadow(
                     r,
                     &self.picture,
@@ -465,7 +478,7 @@ impl MotionStage {
             regions.truncate(MAX_OBJECTS);
         }
         for region in regions {
-            let moves = region_moves(region.area, self.changed_in(&region));
+            let moves = self.moves(&region);
             let steps = ghost::outline_steps(&region, &self.picture, &self.background.level, &self.raster);
             self.objects.push(Object { moves, ghost: steps.is_ghost(), region });
         }
@@ -494,7 +507,7 @@ impl MotionStage {
             return;
         }
         // A fast camera's pixels take turns, so that each is learnt about ten times a second.
-        let turns = ((0.1 / self.spacing_s).round() as usize).clamp(1, MAX_TURNS);
+        let turns = ((0.1 / self.spacing_s + TIE).round() as usize).clamp(1, MAX_TURNS);
         let turn = self.learnt % turns;
         let rows = self.raster.height * turn / turns..self.raster.height * (turn + 1) / turns;
         self.mark_permissions(holds, rows.clone());
@@ -559,7 +572,12 @@ impl MotionStage {
     /// How each pixel of some rows is learnt.
     fn mark_permissions(&mut self, holds: &Holds, rows: Range<usize>) {
         let width = self.raster.width;
-        self.how[rows.start * width..rows.end * width].fill(kernel::LEARN);
+        let Self { how, work, .. } = self;
+        for (band, lines) in work.bands() {
+            for y in lines.start.max(rows.start)..lines.end.min(rows.end) {
+                work.learnt(band, Learning::InTurn).for_each(|run| how[run.pixels(y, width)].fill(kernel::LEARN));
+            }
+        }
         let now_ds = self.decisecond();
         for object in &self.objects {
             let patch = Patch { arc: object.region.arc, rows: object.region.rows };
@@ -571,7 +589,7 @@ impl MotionStage {
                 for (row, start, len) in object.region.spans().filter(|(row, _, _)| rows.contains(row)) {
                     let i = row * width + start;
                     for (how, moved) in self.how[i..i + len].iter_mut().zip(&self.moved_ds[i..i + len]) {
-                        if now_ds.saturating_sub(*moved) < STILL_DS {
+                        if now_ds.wrapping_sub(*moved) < STILL_DS {
                             *how = kernel::LEARN_SLOWLY;
                         }
                     }
@@ -684,9 +702,9 @@ impl MotionStage {
         std::mem::swap(other, &mut self.next);
     }
 
-    fn decisecond(&self) -> u32 {
+    fn decisecond(&self) -> u16 {
         let first = self.first_capture.unwrap_or(self.capture);
-        (self.capture.seconds_since(first) * 10.0).max(0.0) as u32
+        (self.capture.seconds_since(first) * 10.0).max(0.0) as u64 as u16
     }
 
     fn suspend(&mut self) {
@@ -717,20 +735,24 @@ impl MotionStage {
         Some(AlarmKind::BackgroundReady)
     }
 
-    /// Marks what differs from the background; how many pixels do strongly.
+    /// Marks what differs from the background; how many pixels do strongly, if those may be many.
     fn mark(&mut self) -> usize {
         let [faint, strong] = self.settings.floor_levels.map(|f| (f * 256.0) as u16);
-        self.gain = gain::common_gain(&self.picture, &self.background.level, &self.valid, self.gain);
+        if self.looks_at_light {
+            self.gain = gain::common_gain(&self.picture, &self.background.level, &self.valid, self.gain);
+        }
         if self.light.stays(self.gain, self.capture) {
             self.background.relight(self.gain);
             self.gain = 1.0;
         }
         let exposure_q15 = gain::inverse_q15(self.gain);
         let mut differing = 0;
+        // Only so many can make a changed scene.
+        let counted = scene_changed(self.valid_count, self.work.worked_pixels());
         self.wipe_left();
         for band in 0..self.raster.height.div_ceil(halo::CELL) {
             self.halo.band();
-            differing += self.mark_band(band, exposure_q15, [faint, strong]);
+            differing += self.mark_band(band, exposure_q15, [faint, strong], counted);
             self.halo.note(band);
         }
         if self.learnt.is_multiple_of(NOISE_FRAMES) {
@@ -751,19 +773,16 @@ impl MotionStage {
         self.noise_sigma = (f64::from(*median) / 256.0 * 1.2533).max(0.3);
     }
 
-    /// Pixels of a region that differ from the frame before (6-1).
-    fn changed_in(&self, region: &Region) -> usize {
+    /// Whether a region passes the change gate: enough of its pixels differ from the frame before (6-1).
+    fn moves(&self, region: &Region) -> bool {
         let previous = if self.previous_is_before { &self.before } else { &self.previous };
         if previous.len() != self.picture.len() {
-            return 0;
+            return false;
         }
-        region
-            .spans()
-            .map(|(row, start, len)| {
-                let i = row * self.raster.width + start;
-                kernel::count_differences(&self.picture[i..i + len], &previous[i..i + len], self.gate_threshold)
-            })
-            .sum()
+        let (width, enough) = (self.raster.width, gate::least_changed(region.area));
+        let changed =
+            kernel::count_differences(&region.runs, width, &self.picture, previous, self.gate_threshold, enough);
+        region_moves(region.area, changed)
     }
 
     /// Regions of the mask, fragments joined; what stands upright apart from what lies on the floor.
@@ -817,32 +836,38 @@ impl MotionStage {
 
     /// Draws the objects, and nothing else, into the mask.
     fn draw_objects(&mut self) {
-        let (mask, width) = (&mut self.mask, self.raster.width);
-        let mut fill = |run: &Run, value: u8| {
-            mask[run.row as usize * width + run.start as usize..][..run.len as usize].fill(value);
-        };
-        self.drawn.iter().for_each(|run| fill(run, 0));
+        let width = self.raster.width;
+        kernel::fill_runs(&self.drawn, width, 0, &mut self.mask);
         self.drawn.clear();
         self.drawn.extend(self.objects.iter().flat_map(|o| &o.region.runs));
-        self.drawn.iter().for_each(|run| fill(run, 1));
+        kernel::fill_runs(&self.drawn, width, 1, &mut self.mask);
     }
 }
 
+/// Of two numbers of turns that suit equally well (25 Hz) the larger is taken.
+const TIE: f64 = 0.05;
 /// Most turns in which the pixels learn.
 const MAX_TURNS: usize = 8;
 /// Frames from one look at the noise of all pixels to the next.
 const NOISE_FRAMES: usize = 8;
+/// The light of a picture of which most rests is looked at so often, seconds.
+const LIGHT_S: f64 = 0.07;
 /// Pixels round an object that are not learnt: its blurred outline and its next step.
 const MARGIN: usize = 3;
 /// Least age of the frame for the change gate.
 const GATE_SPACING_S: f64 = 0.1;
 /// A still region that nobody follows is learnt after so many tenths of a second.
-const STILL_DS: u32 = 20;
+const STILL_DS: u16 = 20;
 /// Rows ahead of which pixels are fetched: where a row is worked here and there, it is not read in one piece.
 const FETCH_ROWS: usize = 2;
 /// Frames in which a region must look like a ghost before it is one.
 const GHOST_FRAMES: u32 = 2;
 const FOLLOWED_GHOST_FRAMES: u32 = 10;
+
+/// Whether an instant is no longer ago than that.
+fn is_within(s: f64, then: Option<Timestamp>, now: Timestamp) -> bool {
+    then.is_some_and(|then| (0.0..s).contains(&now.seconds_since(then)))
+}
 
 /// What the robot must not leave: the background, or the first frame while that is being built.
 fn anchor<'a>(state: BackgroundState, background: &'a Background, first: &'a [u8]) -> Option<Anchor<'a>> {
@@ -850,6 +875,15 @@ fn anchor<'a>(state: BackgroundState, background: &'a Background, first: &'a [u8
         BackgroundState::Ready => Some(Anchor::Background(&background.level)),
         _ => (!first.is_empty()).then_some(Anchor::Picture(first)),
     }
+}
+
+/// Whether at least so many of a region's pixels are marked.
+fn has_marks(region: &Region, marks: &Marks, least: usize) -> bool {
+    let mut n = 0;
+    region.spans().any(|(row, start, len)| {
+        n += marks.count(row, start, len);
+        n >= least
+    })
 }
 
 /// Sets the pixels of a patch, grown by a margin, in some rows.

@@ -242,15 +242,14 @@ impl Tracker {
 
     /// A frame in which objects are what their regions are.
     fn step_regions(&mut self, scene: &Scene<'_>, capture: Timestamp) {
-        let objects: Vec<Object> = self
-            .usable_objects(scene)
-            .into_iter()
-            .flat_map(|o| {
-                let bodies = pairs::bodies(&o.region, &self.raster).into_iter();
-                bodies.map(|region| Object { region, moves: o.moves, ghost: o.ghost })
-            })
-            .collect();
-        let mut regions: Vec<Region> = objects.iter().map(|o| o.region.clone()).collect();
+        // Whether each moves, and whether it is a ghost.
+        let mut traits = Vec::new();
+        let mut regions: Vec<Region> = Vec::new();
+        for object in self.usable_objects(scene) {
+            let bodies = pairs::bodies(&object.region, &self.raster);
+            traits.extend(bodies.iter().map(|_| (object.moves, object.ghost)));
+            regions.extend(bodies);
+        }
         let mut bodies: Vec<Body> = regions.iter().map(|r| Body::measure(r, scene)).collect();
         let looks: Vec<Histogram> = regions.iter().map(|r| Histogram::of(r, scene)).collect();
 
@@ -266,7 +265,7 @@ impl Tracker {
             match members[..] {
                 [] => {}
                 [t] if !self.is_more_than(t, &bodies[object]) => {
-                    let moves = objects[object].moves;
+                    let (moves, _) = traits[object];
                     self.tracks[t].see(&bodies[object], &looks[object], moves, capture, &self.raster);
                 }
                 _ => self.see_group(members, &bodies[object], capture),
@@ -278,7 +277,7 @@ impl Tracker {
             }
         }
         for object in leftover {
-            if objects[object].moves && !objects[object].ghost {
+            if traits[object] == (true, false) {
                 self.give_birth(&bodies[object], &looks[object], regions[object].area, capture);
             }
         }

@@ -5,7 +5,7 @@
 
 use protocol::message::Motion;
 
-use super::{BackgroundState, MotionStage, Work, kernel};
+use super::{BackgroundState, MotionStage, Work};
 
 /// A new background is worked whole for so many frames: its noise is not well known yet.
 const SETTLING_FRAMES: u32 = 12;
@@ -23,14 +23,40 @@ impl Drawing<'_> {
     }
 
     /// Where they are to be drawn, once it is known which; the rest shows what it showed. To be called once.
-    pub fn picture(&mut self) -> (&mut [u8], &Work) {
-        if self.stage.work.is_whole() {
-            let MotionStage { next, work, raster, .. } = &mut *self.stage;
-            next.resize(raster.len(), 0);
-            return (next, work);
+    pub fn canvas(&mut self) -> Canvas<'_> {
+        let MotionStage { picture, next, work, raster, drawn_in_place, .. } = &mut *self.stage;
+        next.resize(raster.len(), 0);
+        if work.is_whole() {
+            return Canvas { picture: next, work, kept: None };
         }
-        self.stage.keep_worked();
-        (&mut self.stage.picture, &self.stage.work)
+        *drawn_in_place = true;
+        Canvas { picture, work, kept: Some(next) }
+    }
+}
+
+/// Where a picture is drawn.
+#[derive(Debug)]
+pub struct Canvas<'a> {
+    /// All of it.
+    pub picture: &'a mut [u8],
+    /// Which cells are to be drawn.
+    pub work: &'a Work,
+    /// Where what is in those cells is to be kept, at the same place as in the picture.
+    pub kept: Option<&'a mut [u8]>,
+}
+
+impl Canvas<'_> {
+    /// Keeps what is in all cells that are to be drawn.
+    pub(crate) fn keep(&mut self) {
+        let Some(kept) = &mut self.kept else { return };
+        for (band, rows) in self.work.bands() {
+            for run in self.work.worked(band) {
+                for y in rows.clone() {
+                    let pixels = run.pixels(y, self.work.width());
+                    kept[pixels.clone()].copy_from_slice(&self.picture[pixels]);
+                }
+            }
+        }
     }
 }
 
@@ -55,27 +81,6 @@ impl MotionStage {
     #[cfg(test)]
     pub(crate) fn work(&self) -> &Work {
         &self.work
-    }
-
-    /// Keeps what is in the cells that will be drawn anew.
-    fn keep_worked(&mut self) {
-        const AHEAD: usize = 4;
-        let width = self.raster.width;
-        self.next.resize(self.raster.len(), 0);
-        for (band, rows) in self.work.bands() {
-            for run in self.work.worked(band) {
-                for y in rows.clone() {
-                    let pixels = run.pixels(y, width);
-                    for buffer in [&self.picture, &self.next] {
-                        kernel::fetch(
-                            buffer.get(pixels.start + AHEAD * width..pixels.end + AHEAD * width).unwrap_or(&[]),
-                        );
-                    }
-                    self.next[pixels.clone()].copy_from_slice(&self.picture[pixels]);
-                }
-            }
-        }
-        self.drawn_in_place = true;
     }
 
     /// Whether the picture is the one before, as far as it was drawn.

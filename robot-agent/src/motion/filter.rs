@@ -25,6 +25,8 @@ pub(crate) struct Majority {
     /// Marks in the window's rows, a column each, in planes of `stride` + 2 words: a word before and one after.
     columns: Vec<u64>,
     zeros: Vec<u64>,
+    /// Rows with marks.
+    any: Vec<bool>,
 }
 
 impl Majority {
@@ -39,6 +41,7 @@ impl Majority {
             need_of_row: Vec::new(),
             columns: vec![0; COLUMN_PLANES * (stride + 2)],
             zeros: vec![0; stride],
+            any: Vec::with_capacity(raster.height),
         };
         let mut before = Vec::new();
         let mut sums = vec![0u32; raster.width];
@@ -83,6 +86,7 @@ impl Majority {
     pub(crate) fn memory_bytes(&self) -> usize {
         [&self.need, &self.columns, &self.zeros].map(|v| size_of_val(&**v)).iter().sum::<usize>()
             + size_of_val(&*self.need_of_row)
+            + self.any.capacity()
     }
 
     /// `out` is marked where more than half of the window's valid pixels are.
@@ -91,10 +95,18 @@ impl Majority {
         let [rx, ry] = self.reach;
         let stride = self.stride;
         self.columns.fill(0);
+        self.any.clear();
+        self.any.extend((0..height).map(|y| marks.row(y).iter().fold(0, |any, word| any | word) != 0));
         for y in 0..ry.min(height) {
             kernel::slide_counts(marks.row(y), &self.zeros, &mut self.columns);
         }
         for y in 0..height {
+            let (first, end) = (y.saturating_sub(ry + 1), (y + ry + 1).min(height));
+            // Nothing in the window, and nothing leaves it.
+            if !self.any[first..end].contains(&true) {
+                out.words_mut()[y * stride..][..stride].fill(0);
+                continue;
+            }
             let enter = if y + ry < height { marks.row(y + ry) } else { &self.zeros };
             let leave = if y > ry { marks.row(y - ry - 1) } else { &self.zeros };
             kernel::slide_counts(enter, leave, &mut self.columns);
@@ -151,7 +163,8 @@ mod tests {
             [(130, true, [2, 3]), (64, true, [5, 5]), (150, false, [2, 3]), (17, true, [1, 1]), (100, false, [5, 1])]
         {
             let raster = Raster { width, height: 20, wraps };
-            let bytes: Vec<u8> = (0..raster.len()).map(|_| u8::from(rng.next_u32() % 5 < 2)).collect();
+            let mut bytes: Vec<u8> = (0..raster.len()).map(|_| u8::from(rng.next_u32() % 5 < 2)).collect();
+            bytes[..8 * width].fill(0);
             let valid: Vec<u8> = (0..raster.len()).map(|_| u8::from(rng.next_u32() % 9 > 0)).collect();
             let marks: Vec<u8> = bytes.iter().zip(&valid).map(|(b, v)| b & v).collect();
             let mut out = Marks::new(raster);

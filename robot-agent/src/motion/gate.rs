@@ -4,7 +4,12 @@
 /// Whether a region of `area` pixels moves: `changed` of them differ from the frame before.
 /// Keep iff changed ≥ max(4, ⌈0.05 · area⌉).
 pub fn region_moves(area: usize, changed: usize) -> bool {
-    changed >= area.div_ceil(20).max(4)
+    changed >= least_changed(area)
+}
+
+/// How many pixels of a region that moves differ from the frame before at least.
+pub(super) fn least_changed(area: usize) -> usize {
+    area.div_ceil(20).max(4)
 }
 
 /// Whether more than half of the picture differs from the background (strictly).

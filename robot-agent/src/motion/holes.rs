@@ -4,90 +4,112 @@
 //! above and below them. They are filled. The gap between legs is open below and stays. Moving leaves make regions that are
 //! mostly gaps: pieces here and there, near enough to be one region, that fill less than half of what they span.
 
+use std::ops::Range;
+
+use super::marks::{WORD, bits_between};
 use super::raster::Raster;
 use super::regions::{Region, Run};
 
 /// Least share of the pixels between the first and the last of each row that a body fills.
 const LEAST_FILLED: f64 = 0.5;
 
-/// The region with its holes filled.
-pub(super) fn filled(region: Region, raster: &Raster) -> Region {
-    if !region.runs.windows(2).any(|pair| pair[0].row == pair[1].row) {
-        return region;
-    }
-    let width = raster.width;
-    let (arc, offset_of) = (region.arc, |start: usize| (start + width - region.arc.start) % width);
-    // First and last row in each column: rows come from top to bottom, what is written last stays.
-    let mut top = vec![u32::MAX; arc.width];
-    let mut bottom = vec![0u32; arc.width];
-    let columns_of = |run: &Run| {
-        let offset = offset_of(run.start as usize);
-        offset.min(arc.width)..(offset + run.len as usize).min(arc.width)
-    };
-    for run in &region.runs {
-        bottom[columns_of(run)].fill(run.row);
-    }
-    for run in region.runs.iter().rev() {
-        top[columns_of(run)].fill(run.row);
-    }
-    let mut holes: Vec<Run> = Vec::new();
-    for_gaps(&region, raster, |row, gap| {
-        let ends = top[gap.clone()].iter().zip(&bottom[gap.clone()]);
-        let open = ends.fold(false, |open, (t, b)| open | (*t >= row as u32) | (*b <= row as u32));
-        if !open {
-            let start = (arc.start + gap.start) % width;
-            let first = gap.len().min(width - start);
-            let run = |start: usize, len: usize| Run { row: row as u32, start: start as u32, len: len as u32 };
-            holes.push(run(start, first));
-            if first < gap.len() {
-                holes.push(run(0, gap.len() - first));
-            }
-        }
-    });
-    if holes.is_empty() {
-        return region;
-    }
-    let mut runs = region.runs;
-    runs.extend(holes);
-    // Both were in order: such a sort merges them.
-    runs.sort_by_key(|r| (r.row, r.start));
-    // Neighbours become one.
-    runs.dedup_by(|next, run| {
-        let touch = run.row == next.row && run.start + run.len == next.start;
-        if touch {
-            run.len += next.len;
-        }
-        touch
-    });
-    Region::of_runs(runs, raster)
+/// Fills holes, with its working memory. Columns are counted from the first one of a region's arc, and are bits.
+#[derive(Debug, Default)]
+pub(super) struct Holes {
+    /// For each row of a region, and below its last one: columns in which something of it is there or lower.
+    below: Vec<u64>,
+    /// Columns in which something of it is higher than a row.
+    above: Vec<u64>,
+    /// The pieces of a row, from left to right in the arc.
+    pieces: Vec<Range<usize>>,
 }
 
-/// Whether a region fills enough of what it spans.
-pub(super) fn is_solid(region: &Region, raster: &Raster) -> bool {
-    let mut gaps = 0;
-    for_gaps(region, raster, |_, gap| gaps += gap.len());
-    region.area as f64 >= LEAST_FILLED * (region.area + gaps) as f64
-}
-
-/// The gaps between pieces of one row, as columns counted from the arc's first.
-fn for_gaps(region: &Region, raster: &Raster, mut f: impl FnMut(usize, std::ops::Range<usize>)) {
-    let mut row_runs: Vec<(usize, usize)> = Vec::new();
-    for runs in region.runs.chunk_by(|a, b| a.row == b.row) {
-        if runs.len() < 2 {
-            continue;
+impl Holes {
+    /// The region with its holes filled; `None` if even so it does not fill enough of what it spans.
+    pub(super) fn fill(&mut self, region: Region, raster: &Raster) -> Option<Region> {
+        if !region.runs.windows(2).any(|pair| pair[0].row == pair[1].row) {
+            return Some(region);
         }
-        row_runs.clear();
-        row_runs.extend(runs.iter().map(|r| {
-            let offset = (r.start as usize + raster.width - region.arc.start) % raster.width;
-            (offset, offset + r.len as usize)
-        }));
-        row_runs.sort_unstable();
-        for pair in row_runs.windows(2) {
-            if pair[0].1 < pair[1].0 {
-                f(runs[0].row as usize, pair[0].1..pair[1].0);
+        let (top, arc, words) = (region.rows[0] as u32, region.arc, region.arc.width.div_ceil(WORD));
+        let columns_of = |run: &Run| {
+            let column = run.start as usize;
+            let offset = if column >= arc.start { column - arc.start } else { column + raster.width - arc.start };
+            offset.min(arc.width)..(offset + run.len as usize).min(arc.width)
+        };
+        self.note_below(&region, words, columns_of);
+        self.above.clear();
+        self.above.resize(words, 0);
+        let mut runs = Vec::with_capacity(region.runs.len());
+        let mut gaps = 0;
+        for row_runs in region.runs.chunk_by(|a, b| a.row == b.row) {
+            let row = row_runs[0].row;
+            let first = runs.len();
+            runs.extend_from_slice(row_runs);
+            if row_runs.len() > 1 {
+                let below = &self.below[((row - top) as usize + 1) * words..][..words];
+                self.pieces.clear();
+                self.pieces.extend(row_runs.iter().map(columns_of));
+                self.pieces.sort_unstable_by_key(|piece| piece.start);
+                let between = self.pieces.windows(2).map(|pair| pair[0].end..pair[1].start);
+                for gap in between.filter(|gap| !gap.is_empty()) {
+                    let open = |w: usize| bits_between(w, gap.start, gap.end) & !(self.above[w] & below[w]) != 0;
+                    if (gap.start / WORD..gap.end.div_ceil(WORD)).any(open) {
+                        gaps += gap.len();
+                        continue;
+                    }
+                    let start = raster.column(arc.start, gap.start);
+                    let run = |start: usize, len: usize| Run { row, start: start as u32, len: len as u32 };
+                    let length = gap.len().min(raster.width - start);
+                    runs.push(run(start, length));
+                    if length < gap.len() {
+                        runs.push(run(0, gap.len() - length));
+                    }
+                }
+                join_neighbours(&mut runs, first);
+            }
+            for run in row_runs {
+                mark(&mut self.above, columns_of(run));
             }
         }
+        let region = region.with_runs(runs, raster);
+        (region.area as f64 >= LEAST_FILLED * (region.area + gaps) as f64).then_some(region)
     }
+
+    fn note_below(&mut self, region: &Region, words: usize, columns_of: impl Fn(&Run) -> Range<usize>) {
+        let rows = region.height();
+        self.below.clear();
+        self.below.resize((rows + 1) * words, 0);
+        for run in &region.runs {
+            let row = run.row as usize - region.rows[0];
+            mark(&mut self.below[row * words..][..words], columns_of(run));
+        }
+        for i in (0..rows * words).rev() {
+            self.below[i] |= self.below[i + words];
+        }
+    }
+}
+
+/// Marks some columns.
+fn mark(row: &mut [u64], columns: Range<usize>) {
+    for (w, word) in row.iter_mut().enumerate().take(columns.end.div_ceil(WORD)).skip(columns.start / WORD) {
+        *word |= bits_between(w, columns.start, columns.end);
+    }
+}
+
+/// Puts the runs of one row, from `first` on, in order; neighbours become one.
+fn join_neighbours(runs: &mut Vec<Run>, first: usize) {
+    runs[first..].sort_unstable_by_key(|r| r.start);
+    let mut kept = first;
+    for i in first + 1..runs.len() {
+        let run = runs[i];
+        if runs[kept].start + runs[kept].len == run.start {
+            runs[kept].len += run.len;
+        } else {
+            kept += 1;
+            runs[kept] = run;
+        }
+    }
+    runs.truncate(kept + 1);
 }
 
 #[cfg(test)]
@@ -110,7 +132,8 @@ mod tests {
     #[test]
     fn a_hole_is_filled_and_the_gap_between_legs_is_not_also_on_the_seam() {
         for at in [5, 37] {
-            let body = filled(region(&["######", "##..##", "######", "##..##", "##..##"], at), &RING);
+            let body = region(&["######", "##..##", "######", "##..##", "##..##"], at);
+            let body = Holes::default().fill(body, &RING).unwrap();
             assert_eq!(body.area, 6 + 6 + 6 + 4 + 4, "at {at}");
             assert_eq!((body.arc.start, body.arc.width), (at, 6));
         }
@@ -118,7 +141,8 @@ mod tests {
 
     #[test]
     fn a_body_is_solid_and_scattered_leaves_are_not() {
-        assert!(is_solid(&region(&["..##..", "######", "######", "##..##", "##..##"], 5), &RING));
-        assert!(!is_solid(&region(&["#....#", "#...##", ".....#", "#....#"], 5), &RING));
+        let fill = |rows: &[&str]| Holes::default().fill(region(rows, 5), &RING);
+        assert!(fill(&["..##..", "######", "######", "##..##", "##..##"]).is_some());
+        assert!(fill(&["#....#", "#...##", ".....#", "#....#"]).is_none());
     }
 }

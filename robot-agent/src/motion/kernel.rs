@@ -13,12 +13,18 @@ mod mark;
 mod median;
 mod planes;
 mod products;
+mod runs;
+mod squares;
 
 pub use learn::{Counting, KEEP, LEARN, LEARN_SLOWLY, Looks, count_looks, learn};
-pub use mark::{Compared, INDOOR_NOISE_MAX, Layers, NOISE_MAX, count_differences, known_look, mark_changes};
+pub use mark::{Compared, INDOOR_NOISE_MAX, Layers, NOISE_MAX, known_look, mark_changes};
 pub use median::median;
 pub use planes::{COLUMN_PLANES, PLANES, majority_of_counts, slide_counts};
 pub use products::products_by_fours;
+pub(crate) use runs::{
+    BLOCK as RUN_BLOCK, add_to_cells, add_to_columns, add_to_rows, count_differences, count_not_darker, fill_runs,
+};
+pub(crate) use squares::{spread_by_one, spread_over_rows};
 
 /// Compiles a function for any processor, for AVX2 and for AVX-512, and calls the best that this one has.
 macro_rules! wide {
@@ -223,17 +229,6 @@ fn block_at_least(values: &[u8; 64], least: &[u8; 64]) -> u64 {
     bits_of(&large)
 }
 
-wide! {
-/// Pixels of which the background is darkened, by less than half.
-pub fn count_darker(picture: &[u8], background: &[u16]) -> usize {
-    let darker = |p: u8, b: u16| {
-        let half = u16::from(p) << 7;
-        u16::from((half < b >> 1) & (half > b >> 2))
-    };
-    picture.iter().zip(background).fold(0u16, |n, (&p, &b)| n.wrapping_add(darker(p, b))).into()
-}
-}
-
 /// Columns of a step in [`compare_steps`].
 pub const STEP: usize = 3;
 
@@ -282,36 +277,6 @@ pub fn count_extremes(picture: &[u8], valid: &[u8]) -> [usize; 3] {
         bright = bright.wrapping_add(v & u8::from(p >= 253));
     }
     [n, dark, bright].map(usize::from)
-}
-}
-
-wide! {
-/// Adds pixels to sums and counts them, as far as all three reach.
-pub fn add_pixels(pixels: &[u8], counts: &mut [u16], sums: &mut [u32]) {
-    for ((n, sum), &p) in counts.iter_mut().zip(sums).zip(pixels) {
-        *n = n.wrapping_add(1);
-        *sum = sum.wrapping_add(u32::from(p));
-    }
-}
-}
-
-wide! {
-/// Adds values, at least `least` and at most `most` each, to sums, as far as both reach.
-pub fn add_clamped(values: &[u8], least: u8, most: u8, sums: &mut [u32]) {
-    for (sum, &v) in sums.iter_mut().zip(values) {
-        *sum = sum.wrapping_add(u32::from(v.max(least).min(most)));
-    }
-}
-}
-
-wide! {
-/// The sum of values, at most `most` each, for as few that nothing overflows.
-pub fn sum_up_to(values: &[u8], most: u8) -> u32 {
-    let mut sum = 0u32;
-    for &v in values {
-        sum = sum.wrapping_add(u32::from(v.min(most)));
-    }
-    sum
 }
 }
 

@@ -3,8 +3,8 @@
 use super::{Background, CELL_ROWS, FETCH_ROWS, MotionStage, halo, kernel, work};
 
 impl MotionStage {
-    /// Marks a band of rows where it is worked; how many pixels differ strongly.
-    pub(super) fn mark_band(&mut self, band: usize, exposure_q15: u16, floors: [u16; 2]) -> usize {
+    /// Marks a band of rows where it is worked; how many pixels differ strongly, or 0 where that is not `counted`.
+    pub(super) fn mark_band(&mut self, band: usize, exposure_q15: u16, floors: [u16; 2], counted: bool) -> usize {
         let (width, stride) = (self.raster.width, self.faint.stride());
         let Background { level, noise, .. } = &self.background;
         let rows = band * halo::CELL..((band + 1) * halo::CELL).min(self.raster.height);
@@ -32,7 +32,9 @@ impl MotionStage {
                     }
                 }
                 self.background.forgive_known(&self.picture[pixels], exposure_q15, y, &run, faint, strong);
-                differing += strong.iter().map(|s| s.count_ones() as usize).sum::<usize>();
+                if counted {
+                    differing += strong.iter().map(|s| s.count_ones() as usize).sum::<usize>();
+                }
             }
         }
         differing

@@ -35,31 +35,37 @@ impl Marks {
     }
 
     /// Words of a row.
+    #[inline]
     pub(super) fn stride(&self) -> usize {
         self.stride
     }
 
     /// All words, row by row.
+    #[inline]
     pub(super) fn words(&self) -> &[u64] {
         &self.words
     }
 
     /// All words, row by row; bits beyond the last column must stay 0.
+    #[inline]
     pub(super) fn words_mut(&mut self) -> &mut [u64] {
         &mut self.words
     }
 
     /// The words of a row.
+    #[inline]
     pub(super) fn row(&self, y: usize) -> &[u64] {
         &self.words[y * self.stride..][..self.stride]
     }
 
     /// Whether a pixel is marked.
+    #[inline]
     pub(super) fn is_marked(&self, x: usize, y: usize) -> bool {
         self.row(y)[x / WORD] >> (x % WORD) & 1 != 0
     }
 
     /// Marks among `len` pixels of a row from column `start` on.
+    #[inline]
     pub(super) fn count(&self, y: usize, start: usize, len: usize) -> usize {
         let row = self.row(y);
         (start / WORD..(start + len).div_ceil(WORD))
@@ -74,6 +80,7 @@ impl Marks {
 }
 
 /// The bits of word `w` of a row that are columns `from` to `to` − 1.
+#[inline]
 pub(super) fn bits_between(w: usize, from: usize, to: usize) -> u64 {
     let below = |column: usize| match column.saturating_sub(w * WORD) {
         n if n >= WORD => u64::MAX,

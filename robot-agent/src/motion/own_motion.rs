@@ -54,7 +54,7 @@ const LEFT_SHARE: f64 = 0.25;
 /// … and above this share, frame by frame, it stands again.
 const STILL_SHARE: f64 = 0.5;
 /// A standing robot is compared with its anchor so often at most, seconds: a fast camera's frames say nothing new.
-const COMPARE_S: f64 = 0.07;
+const COMPARE_S: f64 = 0.082;
 /// Frames in a row that decide.
 const FRAMES_TO_LEAVE: u32 = 2;
 const FRAMES_TO_STAND: u32 = 3;

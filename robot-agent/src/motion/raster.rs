@@ -23,6 +23,7 @@ impl Raster {
     }
 
     /// The column at `x`, round a ring; `None` beside a picture that is none.
+    #[inline]
     pub fn column_at(&self, x: isize) -> Option<usize> {
         match self.wraps {
             true => Some(x.rem_euclid(self.width as isize) as usize),
@@ -47,6 +48,7 @@ impl Raster {
     }
 
     /// The column `offset` to the right of `start` (`start < width`, `offset ≤ width`).
+    #[inline]
     pub fn column(&self, start: usize, offset: usize) -> usize {
         let c = start + offset;
         if self.wraps && c >= self.width { c - self.width } else { c }

@@ -7,6 +7,7 @@
 
 use std::ops::Range;
 
+use super::kernel;
 use super::marks::{Marks, WORD, bits_between};
 use super::raster::{Arc, Raster};
 
@@ -97,9 +98,22 @@ impl Region {
             sum_y += r.len as usize * r.row as usize;
         }
         let arc = covering_arc(columns, raster);
+        Self::of_arc(runs, arc, [area, sum_y], raster)
+    }
+
+    /// The same columns and rows with other runs, in the order of rows.
+    pub(super) fn with_runs(self, runs: Vec<Run>, raster: &Raster) -> Self {
+        let add = |[area, sum_y]: [usize; 2], r: &Run| [area + r.len as usize, sum_y + r.len as usize * r.row as usize];
+        let sums = runs.iter().fold([0, 0], add);
+        Self::of_arc(runs, self.arc, sums, raster)
+    }
+
+    /// From runs, the arc that they cover, their pixels, and the sum of those pixels' rows.
+    fn of_arc(runs: Vec<Run>, arc: Arc, [area, sum_y]: [usize; 2], raster: &Raster) -> Self {
         let mut sum_x = 0.0;
         for r in &runs {
-            let offset = (r.start as usize + raster.width - arc.start) % raster.width;
+            let column = r.start as usize;
+            let offset = if column >= arc.start { column - arc.start } else { column + raster.width - arc.start };
             sum_x += f64::from(r.len) * (offset as f64 + (f64::from(r.len) - 1.0) / 2.0);
         }
         let rows = [runs.first().map_or(0, |r| r.row as usize), runs.last().map_or(0, |r| r.row as usize)];
@@ -132,9 +146,20 @@ pub(super) struct Grouping {
     square_runs: Runs,
     /// Of the runs of squares.
     parent: Vec<u32>,
-    /// Marked pixels of the region whose first run of squares this is, later its place among those that are large enough.
-    areas: Vec<usize>,
+    /// Of the region whose first run of squares this is.
+    sizes: Vec<Size>,
+    /// Which run of squares is the first of the region of each run.
+    roots: Vec<u32>,
     columns: Vec<u64>,
+}
+
+/// How large a region is.
+#[derive(Debug, Clone, Copy, Default)]
+struct Size {
+    area: usize,
+    runs: usize,
+    /// Its place among those that are large enough, once it has one.
+    place: Option<u32>,
 }
 
 /// Runs in the order of rows.
@@ -151,7 +176,7 @@ impl Grouping {
         find_runs(mask.words(), raster, &mut self.runs);
         self.draw_squares(mask, raster, gap);
         find_runs(&self.squares, raster, &mut self.square_runs);
-        let Self { runs, square_runs, parent, areas, columns, .. } = self;
+        let Self { runs, square_runs, parent, sizes, roots, columns, .. } = self;
         parent.clear();
         parent.extend(0..square_runs.all.len() as u32);
         join_touching(square_runs, raster, parent);
@@ -159,85 +184,64 @@ impl Grouping {
         for i in 0..parent.len() {
             parent[i] = parent[parent[i] as usize];
         }
-        areas.clear();
-        areas.resize(parent.len(), 0);
-        for_roots(runs, square_runs, parent, raster, |run, root| areas[root] += run.len as usize);
-        // From here on `areas` says which region a root is: in the order of first pixels, of those that are large enough.
-        const NOT_YET: usize = usize::MAX - 1;
-        areas.iter_mut().for_each(|area| *area = if *area >= min_area.max(1) { NOT_YET } else { usize::MAX });
-        let mut members: Vec<Vec<Run>> = Vec::new();
+        sizes.clear();
+        sizes.resize(parent.len(), Size::default());
+        roots.clear();
         for_roots(runs, square_runs, parent, raster, |run, root| {
-            if areas[root] == NOT_YET {
-                areas[root] = members.len();
-                members.push(Vec::new());
-            }
-            if let Some(member) = members.get_mut(areas[root]) {
-                member.push(run);
-            }
+            roots.push(root);
+            let size = &mut sizes[root as usize];
+            size.area += run.len as usize;
+            size.runs += 1;
         });
+        let mut members: Vec<Vec<Run>> = Vec::new();
+        for (run, root) in runs.all.iter().zip(roots) {
+            let size = &mut sizes[*root as usize];
+            if size.area < min_area.max(1) {
+                continue;
+            }
+            // Regions have their places in the order of first pixels.
+            let place = *size.place.get_or_insert_with(|| {
+                members.push(Vec::with_capacity(size.runs));
+                members.len() as u32 - 1
+            });
+            members[place as usize].push(*run);
+        }
         members.into_iter().map(|runs| Region::from_runs(runs, raster, columns)).collect()
     }
 
-    /// The squares of (2g_x+1) × (2g_y+1) round all marked pixels, after their runs were found.
+    /// The squares of (2g_x+1) × (2g_y+1) round all marked pixels.
     fn draw_squares(&mut self, mask: &Marks, raster: &Raster, gap: [usize; 2]) {
         let stride = mask.stride();
-        self.squares.clear();
-        self.squares.resize(stride * raster.height, 0);
-        for y in 0..raster.height {
-            if self.runs.row_starts[y] == self.runs.row_starts[y + 1] {
-                continue;
-            }
-            self.spread.clear();
-            self.spread.extend_from_slice(mask.row(y));
-            for _ in 0..gap[0] {
-                spread_by_one(&mut self.spread, raster);
-            }
-            for near in y.saturating_sub(gap[1])..(y + gap[1] + 1).min(raster.height) {
-                for (square, word) in self.squares[near * stride..][..stride].iter_mut().zip(&self.spread) {
-                    *square |= word;
-                }
-            }
+        let Self { spread, squares, .. } = self;
+        spread.resize(mask.words().len(), 0);
+        squares.resize(mask.words().len(), 0);
+        spread.copy_from_slice(mask.words());
+        for _ in 0..gap[0] {
+            kernel::spread_by_one(spread, stride, raster.width, raster.wraps, squares);
+            std::mem::swap(spread, squares);
         }
+        kernel::spread_over_rows(spread, stride, gap[1], squares);
     }
 }
 
-/// Marks the left and the right neighbours, too.
-fn spread_by_one(row: &mut [u64], raster: &Raster) {
-    let last = (raster.width - 1) % WORD;
-    let n = row.len();
-    let ends = [row[0] & 1, row[n - 1] >> last & 1];
-    let mut before = 0;
-    for i in 0..n {
-        let word = row[i];
-        let after = row.get(i + 1).map_or(0, |next| next << (WORD - 1));
-        row[i] = word | word << 1 | word >> 1 | before | after;
-        before = word >> (WORD - 1);
-    }
-    if raster.wraps {
-        row[0] |= ends[1];
-        row[n - 1] |= ends[0] << last;
-    }
-    if last + 1 < WORD {
-        row[n - 1] &= (1 << (last + 1)) - 1;
-    }
-}
-
-/// Each run with the root of the run of squares that it lies in.
-fn for_roots(runs: &Runs, squares: &Runs, roots: &[u32], raster: &Raster, mut f: impl FnMut(Run, usize)) {
+/// Each run with the root of the run of squares that it lies in, in order. Squares are cut off where there are too many of them: runs
+/// that lie in none are left out.
+fn for_roots(runs: &Runs, squares: &Runs, roots: &[u32], raster: &Raster, mut f: impl FnMut(Run, u32)) {
     for y in 0..raster.height {
         let mut square = squares.row_starts[y];
         for run in &runs.all[runs.row_starts[y]..runs.row_starts[y + 1]] {
-            // Squares are cut off where there are too many of them.
             while squares.all.get(square).is_some_and(|s| s.row == run.row && s.start + s.len <= run.start) {
                 square += 1;
             }
-            if square < squares.row_starts[y + 1] {
-                f(*run, roots[square] as usize);
+            if square >= squares.row_starts[y + 1] {
+                return;
             }
+            f(*run, roots[square]);
         }
     }
 }
 
+kernel::wide! {
 fn find_runs(words: &[u64], raster: &Raster, runs: &mut Runs) {
     let stride = raster.width.div_ceil(WORD);
     let Runs { all, row_starts } = runs;
@@ -245,6 +249,10 @@ fn find_runs(words: &[u64], raster: &Raster, runs: &mut Runs) {
     row_starts.clear();
     for (y, row) in words.chunks_exact(stride).enumerate() {
         row_starts.push(all.len());
+        // Most of a mask is empty.
+        if row.iter().fold(0, |any, word| any | word) == 0 {
+            continue;
+        }
         // First column of a run that has not ended yet.
         let mut open: Option<usize> = None;
         let mut add = |start: usize, end: usize| {
@@ -252,21 +260,17 @@ fn find_runs(words: &[u64], raster: &Raster, runs: &mut Runs) {
                 all.push(Run { row: y as u32, start: start as u32, len: (end - start) as u32 });
             }
         };
+        let mut before = 0;
         for (w, &bits) in row.iter().enumerate() {
-            // Most of a mask is empty.
-            if bits == 0 && open.is_none() {
-                continue;
-            }
-            let mut x = 0;
-            while x < WORD as u32 {
-                let ahead = if open.is_some() { (bits >> x).trailing_ones() } else { (bits >> x).trailing_zeros() };
-                x += ahead;
-                if x >= WORD as u32 {
-                    break;
-                }
+            // Where a run begins or has ended.
+            let mut edges = bits ^ (bits << 1 | before);
+            before = bits >> (WORD - 1);
+            while edges != 0 {
+                let x = w * WORD + edges.trailing_zeros() as usize;
+                edges &= edges - 1;
                 match open.take() {
-                    Some(start) => add(start, w * WORD + x as usize),
-                    None => open = Some(w * WORD + x as usize),
+                    Some(start) => add(start, x),
+                    None => open = Some(x),
                 }
             }
         }
@@ -275,6 +279,7 @@ fn find_runs(words: &[u64], raster: &Raster, runs: &mut Runs) {
         }
     }
     row_starts.push(all.len());
+}
 }
 
 /// Joins runs that touch, also by a corner.

@@ -44,6 +44,10 @@ const BODY: u8 = 1;
 const SHADOW: u8 = 2;
 const LIT: u8 = 3;
 
+/// Bits of sixteen bytes at once: those that say that a count is at least [`LEAST_PIXELS`], and that a kind is a shadow or lit.
+const AT_LEAST_EIGHT: u128 = u128::MAX / 255 * (u8::MAX - LEAST_PIXELS + 1) as u128;
+const SHADOW_OR_LIT: u128 = u128::MAX / 255 * 2;
+
 impl Shadow {
     pub(crate) fn new(raster: Raster) -> Self {
         let blocks = [raster.width.div_ceil(BLOCK[0]), raster.height.div_ceil(BLOCK[1])];
@@ -70,11 +74,14 @@ impl Shadow {
             let lines = by * BLOCK[1]..((by + 1) * BLOCK[1]).min(height);
             let stride = marks.stride();
             let band = &marks.words()[lines.start * stride..lines.end * stride];
+            if band.iter().fold(0, |any, word| any | word) == 0 {
+                continue;
+            }
             count_fours(band, &mut self.counts);
             for word in 0..stride {
                 let counts = self.counts[word];
                 // A few marks say nothing: they go with their neighbours.
-                if counts.iter().all(|n| *n < LEAST_PIXELS) {
+                if u128::from_le_bytes(counts) & AT_LEAST_EIGHT == 0 {
                     continue;
                 }
                 for (k, w) in words[..lines.len()].iter_mut().enumerate() {
@@ -91,12 +98,16 @@ impl Shadow {
                     width,
                 );
                 let kinds = judge(&products, &counts, gain as f32);
-                for (k, kind) in kinds.into_iter().enumerate().filter(|(k, _)| counts[*k] >= LEAST_PIXELS) {
-                    let bx = word * BLOCKS + k;
-                    let at = by * columns + bx;
+                let first = word * BLOCKS;
+                let blocks = by * columns + first..by * columns + columns.min(first + BLOCKS);
+                if u128::from_le_bytes(kinds) & SHADOW_OR_LIT == 0 {
+                    self.kind[blocks.clone()].copy_from_slice(&kinds[..blocks.len()]);
+                    continue;
+                }
+                for (k, (at, kind)) in blocks.zip(kinds).enumerate() {
                     self.kind[at] = if kind == LIT && self.remembered[at] == 0 { BODY } else { kind };
                     if self.kind[at] >= SHADOW {
-                        self.found.push((bx, by));
+                        self.found.push((first + k, by));
                     }
                 }
             }
@@ -173,7 +184,7 @@ fn nibbles(rows: &[u64], word: usize, stride: usize) -> u64 {
 }
 
 kernel::wide! {
-/// What each block of a word is, `counts` marks in it. Sums of products of its marked pixels in eighths of grey levels, so that
+/// What each block of a word is, `counts` marks in it; empty where that is too few. Sums of products of its marked pixels in eighths of grey levels, so that
 /// they stay in 32 bits: 24 · 2040² < 2³².
 fn judge(products: &[[u32; BLOCKS]; 4], counts: &[u8; BLOCKS], gain: f32) -> [u8; BLOCKS] {
     const UNIT: f32 = 1.0 / 64.0;
@@ -196,7 +207,7 @@ fn judge(products: &[[u32; BLOCKS]; 4], counts: &[u8; BLOCKS], gain: f32) -> [u8
         } else {
             BODY
         };
-        kinds[k] = if bb == 0.0 { EMPTY } else { kind };
+        kinds[k] = if (bb == 0.0) | (counts[k] < LEAST_PIXELS) { EMPTY } else { kind };
     }
     kinds
 }

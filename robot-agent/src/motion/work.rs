@@ -3,27 +3,33 @@
 //! Problem: unwarping, comparing and learning cost time a pixel, and a standing robot's picture changes in a tenth of them. Insight:
 //! whether a piece of the raw picture still shows what it showed when it was last unwarped is seen far more cheaply (see
 //! [`crate::panorama::Watch`]), and more surely than pixel by pixel, for a block averages the camera's noise. So the picture is cut
-//! into cells. A cell is worked where something changed, where something is or was of late, and in turns a few times a second, which
+//! into cells. A cell is worked where something changed, where something is or was of late, and in turns about once a second, which
 //! is all that background and noise need; elsewhere its last panorama stands and it has no marks. All cells are worked while there
-//! is no background and while the robot moves.
+//! is no background and while the robot moves. A look costs time, too: cells into which an object may come until the next frame are
+//! looked at in every frame, the others about ten times a second.
 
 use std::ops::Range;
 
 use super::marks::{Marks, WORD};
 use super::raster::Raster;
-use super::{Patch, halo};
+use super::{Patch, TIE, halo};
 
 /// Rows of a cell.
 pub(crate) const ROWS: usize = 2 * halo::CELL;
 /// Columns of a cell.
 pub(crate) const COLUMNS: usize = WORD;
 /// Time within which each cell is worked, seconds, and frames at most.
-const REST_S: f64 = 0.4;
-const MOST_REST: usize = 12;
+const REST_S: f64 = 0.8;
+const MOST_REST: usize = 24;
+/// A cell with nothing beside it is looked at for changes so often, seconds: a fast camera's frames say little more.
+const LOOK_S: f64 = 0.1;
+const MOST_LOOK_TURNS: usize = 8;
 /// Frames for which a cell is worked after something was in it.
-const WARM_FRAMES: u8 = 4;
-/// Pixels round an object within which cells are worked.
-const MARGIN: usize = 8;
+const WARM_FRAMES: u8 = 2;
+/// Pixels round an object into which it may come until the next frame: its blurred outline, and how far somebody walks who walks fast
+/// and near, as a share of a ring a second.
+const OUTLINE: usize = 3;
+const WALKS: f64 = 0.05;
 /// A picture of which a larger share of cells changes is worked whole.
 const MOST_CHANGED: f64 = 0.4;
 
@@ -60,13 +66,26 @@ pub struct Work {
     warm: Vec<u8>,
     /// Worked in the frame before: what is left there must be wiped.
     before: Vec<bool>,
+    /// Where an object is, or somebody is followed, or may come until the next frame.
+    held: Vec<bool>,
+    /// The same as it was noted in the last frame.
+    near: Vec<bool>,
     frame: usize,
     rest: usize,
+    /// Frames from one look at a cell to the next, and whose turn it is.
+    look_turns: usize,
+    look: usize,
+    /// Pixels round an object into which it may come until the next frame.
+    margin: usize,
+    /// Whether all cells are drawn, because somebody wants to see them.
+    all_drawn: bool,
     whole: bool,
     /// Whether the robot stands.
     steady: bool,
     /// Whether it was noted what the last picture showed.
     noted: bool,
+    /// Of a row of cells: whether anything is marked.
+    any: Vec<u64>,
 }
 
 impl Work {
@@ -79,11 +98,18 @@ impl Work {
             cells: vec![Cell::Followed; n],
             warm: vec![0; n],
             before: vec![true; n],
+            held: vec![false; n],
+            near: vec![true; n],
             frame: 0,
             rest: 1,
+            look_turns: 1,
+            look: 0,
+            margin: OUTLINE,
+            all_drawn: false,
             whole: true,
             steady: false,
             noted: false,
+            any: Vec::new(),
         }
     }
 
@@ -122,6 +148,10 @@ impl Work {
         self.whole = false;
         self.rest = ((REST_S / spacing_s).round() as usize).clamp(1, MOST_REST);
         self.frame = (self.frame + 1) % self.rest;
+        self.look_turns = ((LOOK_S / spacing_s + TIE).round() as usize).clamp(1, MOST_LOOK_TURNS);
+        self.look = self.look.wrapping_add(1);
+        self.all_drawn = false;
+        self.margin = OUTLINE + (WALKS * self.raster.width as f64 * spacing_s).ceil() as usize;
         let cells = self.cells.len();
         for (i, (cell, warm)) in self.cells.iter_mut().zip(&self.warm).enumerate() {
             // Neighbours have their turns together: what lies in one piece is read faster.
@@ -134,6 +164,8 @@ impl Work {
                 Cell::Rests
             };
         }
+        std::mem::swap(&mut self.near, &mut self.held);
+        self.held.fill(false);
     }
 
     fn note_before(&mut self) {
@@ -147,14 +179,43 @@ impl Work {
         [self.columns, self.cells.len() / self.columns.max(1)]
     }
 
+    /// Columns of the picture.
+    pub(super) fn width(&self) -> usize {
+        self.raster.width
+    }
+
     /// Whether a cell is worked.
+    #[inline]
     pub(crate) fn is_worked(&self, column: usize, band: usize) -> bool {
         self.cells[band * self.columns + column] != Cell::Rests
+    }
+
+    /// Whether no cell shows anything but this picture.
+    pub(super) fn is_fresh(&self) -> bool {
+        self.whole || self.all_drawn
+    }
+
+    /// How many pixels are worked at most.
+    pub(super) fn worked_pixels(&self) -> usize {
+        self.cells.iter().filter(|cell| **cell != Cell::Rests).count() * COLUMNS * ROWS
     }
 
     /// Whether all cells are.
     pub(crate) fn is_whole(&self) -> bool {
         self.whole
+    }
+
+    /// Whether a cell that rests is to be looked at in this frame: where something may come into it, or in its turn.
+    #[inline]
+    pub(crate) fn is_looked_at(&self, column: usize, band: usize) -> bool {
+        let cell = band * self.columns + column;
+        let its_turn = (column + self.look).is_multiple_of(self.look_turns);
+        self.cells[cell] == Cell::Rests && (its_turn || self.near[cell])
+    }
+
+    /// Whether a cell that rests is not.
+    pub(crate) fn is_passed_over(&self, column: usize, band: usize) -> bool {
+        !self.is_looked_at(column, band) && !self.is_worked(column, band)
     }
 
     /// Something changed in a cell.
@@ -167,6 +228,7 @@ impl Work {
 
     /// All cells are drawn, because somebody wants to see them.
     pub(super) fn draw_all(&mut self) {
+        self.all_drawn = true;
         for cell in self.cells.iter_mut().filter(|cell| **cell == Cell::Rests) {
             *cell = Cell::Drawn;
         }
@@ -219,7 +281,7 @@ impl Work {
     pub(super) fn learnt(&self, band: usize, learning: Learning) -> impl Iterator<Item = Run> {
         self.runs(band, move |i| match learning {
             Learning::InTurn => self.cells[i] == Cell::Followed,
-            Learning::ForAll => self.cells[i] == Cell::Visited && self.warm[i] == 0,
+            Learning::ForAll => self.cells[i] == Cell::Visited && self.warm[i] == 0 && !self.held[i],
         })
     }
 
@@ -231,30 +293,33 @@ impl Work {
     /// Takes note of what was found: cells with marks of bodies stay worked.
     pub(super) fn note_marks(&mut self, bodies: &Marks) {
         self.noted = true;
-        for (band, warm) in self.warm.chunks_exact_mut(self.columns).enumerate() {
-            let rows = band * ROWS..((band + 1) * ROWS).min(self.raster.height);
-            for (column, warm) in warm.iter_mut().enumerate() {
-                if self.cells[band * self.columns + column] == Cell::Rests {
-                    continue;
+        let mut any = std::mem::take(&mut self.any);
+        for (band, rows) in self.bands() {
+            any.clear();
+            any.resize(self.columns, 0);
+            for y in rows {
+                any.iter_mut().zip(bodies.row(y)).for_each(|(any, word)| *any |= word);
+            }
+            let cells = band * self.columns..(band + 1) * self.columns;
+            for ((warm, cell), any) in self.warm[cells.clone()].iter_mut().zip(&self.cells[cells]).zip(&any) {
+                if *cell != Cell::Rests {
+                    *warm = if *any != 0 { WARM_FRAMES } else { warm.saturating_sub(1) };
                 }
-                let any = rows.clone().fold(0, |any, y| any | bodies.row(y)[column]);
-                *warm = if any != 0 { WARM_FRAMES } else { warm.saturating_sub(1) };
             }
         }
+        self.any = any;
     }
 
-    /// Cells near a place stay worked.
+    /// Cells at a place are looked at, and are not learnt as what nothing is in.
     pub(super) fn note_patch(&mut self, patch: &Patch) {
-        let arc = patch.arc.grown(MARGIN, &self.raster);
-        let last = (patch.rows[1] + MARGIN).min(self.raster.height - 1);
-        let bands = patch.rows[0].saturating_sub(MARGIN) / ROWS..last / ROWS + 1;
+        let arc = patch.arc.grown(self.margin, &self.raster);
+        let last = (patch.rows[1] + self.margin).min(self.raster.height - 1);
+        let bands = patch.rows[0].saturating_sub(self.margin) / ROWS..last / ROWS + 1;
         let first = arc.width.min(self.raster.width - arc.start);
         for columns in [arc.start..arc.start + first, 0..arc.width - first].iter().filter(|c| !c.is_empty()) {
             for band in bands.clone() {
                 let cells = columns.start / COLUMNS..(columns.end - 1) / COLUMNS + 1;
-                for warm in &mut self.warm[band * self.columns + cells.start..band * self.columns + cells.end] {
-                    *warm = (*warm).max(1);
-                }
+                self.held[band * self.columns + cells.start..band * self.columns + cells.end].fill(true);
             }
         }
     }
@@ -271,11 +336,13 @@ pub(super) struct Run {
 
 impl Run {
     /// Where it lies in a picture of some width, in row `y`.
+    #[inline]
     pub(super) fn pixels(&self, y: usize, width: usize) -> Range<usize> {
         y * width + self.columns.start..y * width + self.columns.end
     }
 
     /// The same in rows of `stride` words.
+    #[inline]
     pub(super) fn marks(&self, y: usize, stride: usize) -> Range<usize> {
         y * stride + self.words.start..y * stride + self.words.end
     }

@@ -3,7 +3,7 @@
 use nalgebra::Vector2;
 
 use super::{GazeWindow, PanoramaGeometry, RadialPanorama, kernel};
-use crate::motion::Work;
+use crate::motion::Canvas;
 use crate::optics::{MountedCamera, direction};
 
 /// One output pixel: the upper left of its four source pixels and the weights of the right and lower ones in 1/256.
@@ -139,11 +139,30 @@ impl Lut {
     /// # Errors
     /// A source or output of another size than the table's.
     pub fn unwarp(&self, source: &[u8], out: &mut [u8]) -> Result<(), UnwarpError> {
-        self.unwarp_cells(source, None, out)
+        self.check(source, out)?;
+        if !self.tiles.as_ref().is_some_and(|tiles| tiles.unwarp(source, out)) {
+            kernel::unwarp(source, self.source_size_px[0] as usize, &self.entries, self.size_px[0] as usize, out);
+        }
+        self.wipe_invalid(out);
+        Ok(())
     }
 
-    /// The same where the cells of `work` are worked; elsewhere `out` may keep what it holds.
-    pub(super) fn unwarp_cells(&self, source: &[u8], work: Option<&Work>, out: &mut [u8]) -> Result<(), UnwarpError> {
+    /// The same where the cells of a canvas are worked, of which the old picture is kept; the others may keep what they hold.
+    pub(super) fn unwarp_cells(&self, source: &[u8], mut canvas: Canvas<'_>) -> Result<(), UnwarpError> {
+        if canvas.work.is_whole() {
+            return self.unwarp(source, canvas.picture);
+        }
+        self.check(source, canvas.picture)?;
+        if !self.tiles.as_ref().is_some_and(|tiles| tiles.unwarp_cells(source, &mut canvas)) {
+            canvas.keep();
+            let [stride, width] = [self.source_size_px[0], self.size_px[0]].map(|n| n as usize);
+            kernel::unwarp(source, stride, &self.entries, width, canvas.picture);
+        }
+        self.wipe_invalid(canvas.picture);
+        Ok(())
+    }
+
+    fn check(&self, source: &[u8], out: &[u8]) -> Result<(), UnwarpError> {
         let [w, h] = self.source_size_px.map(|n| n as usize);
         for (what, got, expected) in [("the source", source.len(), w * h), ("the output", out.len(), self.valid.len())]
         {
@@ -151,13 +170,13 @@ impl Lut {
                 return Err(UnwarpError { what, got, expected });
             }
         }
-        if !self.tiles.as_ref().is_some_and(|tiles| tiles.unwarp(source, work, out)) {
-            kernel::unwarp(source, w, &self.entries, self.size_px[0] as usize, out);
-        }
+        Ok(())
+    }
+
+    fn wipe_invalid(&self, out: &mut [u8]) {
         for (start, length) in &self.invalid_runs {
             out[*start as usize..][..*length as usize].fill(0);
         }
-        Ok(())
     }
 
     /// Makes pixels invalid that would mix in a source pixel that is not tested.

@@ -1,7 +1,7 @@
 //! Sees in a camera's own picture where its panorama need not be drawn again.
 //!
-//! Each cell of the panorama (see [`Work`]) has blocks of 128 pixels of the picture, taken from every second to fourth row of what
-//! the cell shows. Their sum of absolute differences to the picture that the cell was last drawn from is, where nothing changed,
+//! Each cell of the panorama (see [`Work`]) has blocks of 128 pixels of the picture, taken from some rows of what the cell shows,
+//! every one of small pictures to every eighth of large ones. Their sum of absolute differences to the picture that the cell was last drawn from is, where nothing changed,
 //! the camera's noise, which is learnt block by block: it scatters by 7 %, so a threshold 28 % above it is passed by one block in
 //! 10⁵ by chance. It sees a block that is 1.2, and half a block that is 1.6 standard deviations of the noise brighter or darker than it was; the
 //! change stage needs 4 of them somewhere in each body. What changes slowly is seen when it has changed as much, since the reference stays.
@@ -17,12 +17,14 @@ const SEGMENTS: usize = 8;
 /// Pixels of a segment.
 const LENGTH: usize = size_of::<Segment>();
 /// Pixels of a cell that are looked at, about: large cells are looked at in fewer of their rows.
-const CELL_PIXELS: usize = 600;
+const CELL_PIXELS: usize = 400;
 /// Most rows of the picture from one that is looked at to the next.
-const MOST_STEP: usize = 4;
+const MOST_STEP: usize = 8;
 /// A block's expected difference follows what it is by one part in so many; the second where it changed, in case its noise did.
 const FOLLOW: i32 = 8;
 const SLOWLY: i32 = 64;
+/// Where a larger share of the cells that are looked at has changed all others are looked at, too: the light may have.
+const MANY: f64 = 0.15;
 /// More than the expected difference: a share of it in 1/256, and so much for rounding.
 const MORE_Q8: u32 = 72;
 const ROUNDING: u32 = 16;
@@ -43,6 +45,8 @@ pub struct Watch {
     expected: Vec<u16>,
     most_expected: u16,
     sums: Vec<u16>,
+    /// Cells that are looked at in a frame.
+    looked: Vec<usize>,
     source_len: usize,
     /// Frames since the reference was begun.
     frames: u32,
@@ -73,6 +77,7 @@ impl Watch {
             expected: vec![0; n],
             most_expected: 0,
             sums: vec![0; n],
+            looked: Vec::with_capacity(size[0] * size[1]),
             source_len: source[0] * source[1],
             frames: 0,
         }
@@ -85,6 +90,7 @@ impl Watch {
             + size_of_val(&*self.reference)
             + size_of_val(&*self.expected)
             + size_of_val(&*self.sums)
+            + self.looked.capacity() * size_of::<usize>()
     }
 
     /// Unwarps a picture as far as the drawing's [`Work`] says and wherever it shows something else than it did, and tells it where
@@ -97,12 +103,12 @@ impl Watch {
         let bands = self.cells.len() / self.columns.max(1);
         if source.len() != self.source_len || work.size() != [self.columns, bands] {
             work.work_all();
-            return lut.unwarp(source, drawing.picture().0);
+            return lut.unwarp(source, drawing.canvas().picture);
         }
         if !work.is_steady() {
             self.frames = 0;
             work.work_all();
-            return lut.unwarp(source, drawing.picture().0);
+            return lut.unwarp(source, drawing.canvas().picture);
         }
         if work.is_whole() {
             self.learn(source);
@@ -115,8 +121,9 @@ impl Watch {
             self.look(source, work);
             work.settle();
         }
-        let (picture, work) = drawing.picture();
-        lut.unwarp_cells(source, Some(work), picture)?;
+        let canvas = drawing.canvas();
+        let work = canvas.work;
+        lut.unwarp_cells(source, canvas)?;
         for (i, blocks) in self.cells.iter().enumerate() {
             if work.is_worked(i / bands, i % bands) {
                 kernel::copy(source, &self.places[blocks.clone()], &mut self.reference[blocks.clone()]);
@@ -125,31 +132,53 @@ impl Watch {
         Ok(())
     }
 
-    /// Tells `work` of the cells that have changed.
+    /// Tells `work` of the cells that have changed, of those that are to be looked at; of all where many of those have.
     fn look(&mut self, source: &[u8], work: &mut Work) {
         let bands = self.cells.len() / self.columns;
-        for (i, blocks) in self.cells.iter().enumerate() {
-            let (column, band) = (i / bands, i % bands);
-            if work.is_worked(column, band) {
-                continue;
-            }
+        let mut looked = std::mem::take(&mut self.looked);
+        looked.clear();
+        looked.extend(self.seen_cells().filter(|i| work.is_looked_at(i / bands, i % bands)));
+        let changed = self.look_at(source, &looked, work);
+        if changed as f64 > MANY * looked.len() as f64 {
+            looked.clear();
+            looked.extend(self.seen_cells().filter(|i| work.is_passed_over(i / bands, i % bands)));
+            self.look_at(source, &looked, work);
+        }
+        self.looked = looked;
+    }
+
+    /// Cells of which the camera sees something.
+    fn seen_cells(&self) -> impl Iterator<Item = usize> {
+        self.cells.iter().enumerate().filter(|(_, blocks)| !blocks.is_empty()).map(|(i, _)| i)
+    }
+
+    /// Looks at some cells; how many have changed.
+    fn look_at(&mut self, source: &[u8], cells: &[usize], work: &mut Work) -> usize {
+        let bands = self.cells.len() / self.columns;
+        let mut all_changed = 0;
+        for (k, &i) in cells.iter().enumerate() {
+            let blocks = self.cells[i].clone();
+            let next = cells.get(k + 1).map_or(0..0, |next| self.cells[*next].clone());
             let sums = &mut self.sums[blocks.clone()];
-            kernel::differences(source, &self.places[blocks.start..], &self.reference[blocks.clone()], sums);
-            let expected = &mut self.expected[blocks.clone()];
+            let places = &self.places[blocks.clone()];
+            kernel::differences(source, places, &self.reference[blocks.clone()], &self.places[next], sums);
+            let expected = &mut self.expected[blocks];
             let changed = sums.iter().zip(&*expected).any(|(sum, expected)| has_changed(*sum, *expected));
             if changed {
-                work.draw(column, band);
+                work.draw(i / bands, i % bands);
+                all_changed += 1;
             }
             let (most, pace) = (self.most_expected, if changed { SLOWLY } else { FOLLOW });
             sums.iter().zip(expected).for_each(|(sum, expected)| follow(*sum, pace, most, expected));
         }
+        all_changed
     }
 
     /// Learns what to expect in the first frames, in which all is drawn: each block its own noise, but, since somebody may walk
     /// there, not far more than the middle one's.
     fn learn(&mut self, source: &[u8]) {
         if (1..LEARNING_FRAMES).contains(&self.frames) {
-            kernel::differences(source, &self.places, &self.reference, &mut self.sums);
+            kernel::differences(source, &self.places, &self.reference, &[], &mut self.sums);
             let mut sorted = self.sums.clone();
             let middle = sorted.len() / 2;
             if middle < sorted.len() {

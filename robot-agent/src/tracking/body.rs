@@ -39,12 +39,11 @@ impl Body {
         let raster = scene.raster;
         let arc = region.arc;
         let limit = region.rows[0] + (UPPER_SHARE * region.height() as f64).ceil() as usize;
-        let mut weight = vec![0u32; arc.width];
-        for (row, start, len) in region.spans().take_while(|(row, _, _)| *row < limit) {
-            let offset = (start + raster.width - arc.start) % raster.width;
-            let changes = &scene.magnitude[row * raster.width + start..][..len];
-            kernel::add_clamped(changes, 1, FULL_CHANGE, &mut weight[offset..(offset + len).min(arc.width)]);
-        }
+        let upper = region.runs.partition_point(|run| (run.row as usize) < limit);
+        let mut weight = vec![0u32; arc.width + kernel::RUN_BLOCK];
+        let runs = &region.runs[..upper];
+        kernel::add_to_columns(runs, raster.width, arc.start, scene.magnitude, 1, FULL_CHANGE, &mut weight);
+        weight.truncate(arc.width);
         let heaviest = f64::from(weight.iter().copied().max().unwrap_or(0));
         let least = heaviest * THIN;
         let counted = |w: &&u32| f64::from(**w) >= heaviest * FAINT;
@@ -100,19 +99,10 @@ pub(super) fn solid_rows(
     columns: std::ops::Range<usize>,
     at_top: f64,
 ) -> [usize; 2] {
-    let raster = scene.raster;
+    let (width, start) = (scene.raster.width, region.arc.start);
     let mut rows = vec![(0u32, 0u32); region.height()];
-    for (row, start, len) in region.spans() {
-        let offset = (start + raster.width - region.arc.start) % raster.width;
-        let (from, to) = (offset.max(columns.start), (offset + len).min(columns.end));
-        if from >= to {
-            continue;
-        }
-        let changes = &scene.magnitude[row * raster.width + start + from - offset..][..to - from];
-        let (sum, n) = &mut rows[row - region.rows[0]];
-        *sum += kernel::sum_up_to(changes, FULL_CHANGE);
-        *n += (to - from) as u32;
-    }
+    let (runs, first, changes) = (&region.runs, region.rows[0], scene.magnitude);
+    kernel::add_to_rows(runs, width, start, &columns, first, changes, FULL_CHANGE, &mut rows);
     let mean = |(sum, n): &(u32, u32)| if *n == 0 { 0.0 } else { f64::from(*sum) / f64::from(*n) };
     let mut means: Vec<f64> = rows.iter().filter(|r| r.1 > 0).map(mean).collect();
     if means.is_empty() {
@@ -142,25 +132,18 @@ impl Strip {
         let raster = scene.raster;
         let width = region.arc.width;
         // By bands first: rows of pixels are added to rows of sums.
-        let mut counts = vec![0u16; BANDS * width];
-        let mut sums = vec![0u32; BANDS * width];
-        for (row, start, len) in region.spans() {
-            let band = row * BANDS / raster.height;
-            let offset = (start + raster.width - region.arc.start) % raster.width;
-            let pixels = &scene.picture[row * raster.width + start..][..len];
-            let cells = band * width + offset.min(width)..(band + 1) * width;
-            kernel::add_pixels(pixels, &mut counts[cells.clone()], &mut sums[cells]);
-        }
-        let cell = |x: usize, band: usize| band * width + x;
-        let mut filled: Vec<[f32; BANDS]> =
-            (0..width).map(|x| std::array::from_fn(|band| f32::from(counts[cell(x, band)]))).collect();
-        let mut gray: Vec<[f32; BANDS]> =
-            (0..width).map(|x| std::array::from_fn(|band| sums[cell(x, band)] as f32)).collect();
+        let mut counts = vec![0u16; BANDS * width + kernel::RUN_BLOCK];
+        let mut sums = vec![0u32; BANDS * width + kernel::RUN_BLOCK];
+        let size = [raster.width, raster.height];
+        let start = region.arc.start;
+        kernel::add_to_cells(&region.runs, size, start, width, BANDS, scene.picture, &mut counts, &mut sums);
         let rows_of_band = raster.height as f32 / BANDS as f32;
-        for (f, g) in filled.iter_mut().flatten().zip(gray.iter_mut().flatten()) {
-            if *f > 0.0 {
-                *g /= *f;
-                *f = (*f / rows_of_band).min(1.0);
+        let (mut filled, mut gray) = (vec![[0f32; BANDS]; width], vec![[0f32; BANDS]; width]);
+        for (band, (counts, sums)) in counts.chunks_exact(width).zip(sums.chunks_exact(width)).take(BANDS).enumerate() {
+            let cells = filled.iter_mut().zip(&mut gray).zip(counts.iter().zip(sums));
+            for ((filled, gray), (n, sum)) in cells.filter(|(_, (n, _))| **n > 0) {
+                let n = f32::from(*n);
+                (filled[band], gray[band]) = ((n / rows_of_band).min(1.0), *sum as f32 / n);
             }
         }
         Self { start: region.arc.start, filled, gray }

@@ -16,6 +16,9 @@ pub fn bhattacharyya(a: &[f64], b: &[f64]) -> f64 {
     (1.0 - overlap).max(0.0).sqrt()
 }
 
+/// Rows of a region that are counted, about.
+const ROWS: usize = 28;
+
 /// Grey levels of a region, upper and lower half apart: trousers and jackets are told apart by where they are.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Histogram {
@@ -28,8 +31,8 @@ impl Histogram {
         // Counted by grey level first; two counters in turn, for neighbours are often equal.
         let mut counts = [[[0u32; 256]; 2]; 2];
         let middle = usize::midpoint(region.rows[0], region.rows[1]);
-        // Every second row of what is tall says as much.
-        let step = if region.height() > 40 { 2 } else { 1 };
+        // A few rows of what is tall say as much.
+        let step = (region.height() / ROWS).max(1);
         for (row, start, len) in region.spans().filter(|(row, _, _)| row.is_multiple_of(step)) {
             let [even, odd] = &mut counts[usize::from(row > middle)];
             let (pairs, rest) = scene.picture[row * scene.raster.width + start..][..len].as_chunks::<2>();
@@ -43,13 +46,11 @@ impl Histogram {
         }
         let mut bins = [0.0; 2 * BINS];
         for (bins, [even, odd]) in bins.chunks_exact_mut(BINS).zip(&counts) {
-            for (p, (a, b)) in even.iter().zip(odd).enumerate().filter(|(_, (a, b))| *a + *b > 0) {
-                // Shared between neighbouring bins, so that a slightly brighter light moves little.
-                let position = (p as f64 / 256.0 * BINS as f64 - 0.5).max(0.0);
-                let (bin, part, count) = (position as usize, position.fract(), f64::from(a + b));
-                bins[bin] += (1.0 - part) * count;
-                bins[(bin + 1).min(BINS - 1)] += part * count;
+            let mut levels = [0u32; 256];
+            for (n, (a, b)) in levels.iter_mut().zip(even.iter().zip(odd)) {
+                *n = a + b;
             }
+            share_out(&levels, bins);
         }
         Self { bins }
     }
@@ -66,6 +67,24 @@ impl Histogram {
         for (b, n) in self.bins.iter_mut().zip(&newer.bins) {
             *b = (1.0 - part) * *b * old + part * n * new;
         }
+    }
+}
+
+/// Levels a bin.
+const WIDTH: usize = 256 / BINS;
+
+/// Counts of grey levels into bins, each level shared between the two whose middles it lies between, so that a slightly brighter
+/// light moves little.
+fn share_out(levels: &[u32; 256], bins: &mut [f64]) {
+    let sum = |levels: &[u32]| f64::from(levels.iter().sum::<u32>());
+    let half = WIDTH / 2;
+    bins[0] += sum(&levels[..half]);
+    bins[BINS - 1] += sum(&levels[256 - half..]);
+    for (bin, levels) in levels[half..256 - half].as_chunks::<WIDTH>().0.iter().enumerate() {
+        let later: u32 = levels.iter().zip(0..).map(|(n, k)| n * k).sum();
+        let later = f64::from(later) / WIDTH as f64;
+        bins[bin] += sum(levels) - later;
+        bins[bin + 1] += later;
     }
 }
 

@@ -160,18 +160,3 @@ pub fn known_look(picture: &[u8], exposure_q15: u16, noise: &[u16], layers: Laye
     bits_of(&same) & layers.known
 }
 }
-
-wide! {
-/// How many pixels of two pictures differ by `threshold` or more (6-1).
-pub fn count_differences(a: &[u8], b: &[u8], threshold: u8) -> usize {
-    let mut differing = 0;
-    for (a, b) in a.chunks(255).zip(b.chunks(255)) {
-        let mut count = 0u8;
-        for (&a, &b) in a.iter().zip(b) {
-            count = count.wrapping_add(u8::from(a.abs_diff(b) >= threshold));
-        }
-        differing += usize::from(count);
-    }
-    differing
-}
-}

@@ -1,6 +1,7 @@
 //! Sums of products over marked pixels: what a shadow is told by.
 
-use super::{Level, available, padded};
+#[cfg(target_arch = "x86_64")]
+use super::{Level, available};
 
 /// Columns of a word of marks.
 const COLUMNS: usize = 64;
@@ -12,61 +13,73 @@ type Fours = [[u32; COLUMNS / 4]; 4];
 /// Background and noise are 8.8 fixed point, noise at most [`super::NOISE_MAX`].
 pub fn products_by_fours(marks: &[u64], picture: &[u8], background: &[u16], noise: &[u16], width: usize) -> Fours {
     let mut fours = Fours::default();
-    let level = available();
-    for (row, &bits) in marks.iter().enumerate() {
-        if bits == 0 {
-            continue;
+    #[cfg(target_arch = "x86_64")]
+    match available() {
+        Level::Avx512 => {
+            for half in 0..COLUMNS / HALF {
+                // SAFETY: the processor has these instructions.
+                unsafe { sum_half_avx512(marks, picture, background, noise, width, half, &mut fours) };
+            }
+            return fours;
         }
-        let pixels = (row * width).min(picture.len())..(row * width + COLUMNS).min(picture.len());
-        let (c, b, s) = (&picture[pixels.clone()], &background[pixels.clone()], &noise[pixels]);
-        match (c.first_chunk(), b.first_chunk(), s.first_chunk()) {
-            (Some(c), Some(b), Some(s)) => add_row(level, bits, c, b, s, &mut fours),
-            _ => add_row(level, bits, &padded(c), &padded(b), &padded(s), &mut fours),
+        Level::Avx2 => {
+            for group in 0..COLUMNS / GROUP {
+                // SAFETY: the processor has these instructions.
+                unsafe { sum_group_avx2(marks, picture, background, noise, width, group, &mut fours) };
+            }
+            return fours;
+        }
+        Level::Portable => {}
+    }
+    for (row, &bits) in marks.iter().enumerate() {
+        for i in (0..COLUMNS).filter(|i| bits >> i & 1 != 0) {
+            let at = row * width + i;
+            let (Some(c), Some(b), Some(s)) = (picture.get(at), background.get(at), noise.get(at)) else { continue };
+            let (c, b, s) = (u32::from(*c) << 3, u32::from(*b >> 5), u32::from(*s));
+            for (sums, product) in fours.iter_mut().zip([c * c, c * b, b * b, s * s]) {
+                sums[i / 4] += product;
+            }
         }
     }
     fours
 }
 
-#[inline(always)]
-fn add_row(
-    level: Level,
-    bits: u64,
-    picture: &[u8; COLUMNS],
-    background: &[u16; COLUMNS],
-    noise: &[u16; COLUMNS],
-    fours: &mut Fours,
-) {
-    #[cfg(target_arch = "x86_64")]
-    if level >= Level::Avx2 {
-        // SAFETY: the processor has these instructions.
-        return unsafe { add_row_avx2(bits, picture, background, noise, fours) };
-    }
-    #[cfg(not(target_arch = "x86_64"))]
-    let _ = level;
-    for i in (0..COLUMNS).filter(|i| bits >> i & 1 != 0) {
-        let (c, b, s) = (u32::from(picture[i]) << 3, u32::from(background[i] >> 5), u32::from(noise[i]));
-        for (sums, product) in fours.iter_mut().zip([c * c, c * b, b * b, s * s]) {
-            sums[i / 4] += product;
-        }
-    }
-}
+/// Columns that AVX2 works together.
+#[cfg(target_arch = "x86_64")]
+const GROUP: usize = 16;
+/// Columns that AVX-512 works together.
+#[cfg(target_arch = "x86_64")]
+const HALF: usize = 32;
 
-/// The same, sixteen columns at a time: all values have at most 15 bits.
+/// The sums of one group of columns, sixteen products at a time: all values have at most 15 bits. Sums of two columns stay in
+/// registers.
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx2")]
-fn add_row_avx2(
-    bits: u64,
-    picture: &[u8; COLUMNS],
-    background: &[u16; COLUMNS],
-    noise: &[u16; COLUMNS],
+fn sum_group_avx2(
+    marks: &[u64],
+    picture: &[u8],
+    background: &[u16],
+    noise: &[u16],
+    width: usize,
+    group: usize,
     fours: &mut Fours,
 ) {
     use std::arch::x86_64::*;
     let bit = _mm256_setr_epi16(1, 2, 4, 8, 16, 32, 64, 128, 256, 512, 1024, 2048, 4096, 8192, 16384, i16::MIN);
-    let blocks = picture.as_chunks::<16>().0.iter().zip(background.as_chunks::<16>().0).zip(noise.as_chunks::<16>().0);
-    for (k, ((c, b), s)) in blocks.enumerate() {
-        let marked = _mm256_and_si256(_mm256_set1_epi16((bits >> (16 * k)) as i16), bit);
+    let zero = _mm256_setzero_si256();
+    let (mut cc, mut cb, mut bb, mut ss) = (zero, zero, zero, zero);
+    let any = marks.iter().fold(0, |any, bits| any | bits);
+    if (any >> (GROUP * group)) as u16 == 0 {
+        return;
+    }
+    let (mut c_end, mut b_end, mut s_end) = ([0; GROUP], [0; GROUP], [0; GROUP]);
+    // Rows without marks add nothing; to ask for them costs more.
+    for (row, &bits) in marks.iter().enumerate() {
+        let marked = _mm256_and_si256(_mm256_set1_epi16((bits >> (GROUP * group)) as i16), bit);
         let marked = _mm256_cmpeq_epi16(marked, bit);
+        let at = row * width + GROUP * group;
+        let c = several(picture, at, &mut c_end);
+        let (b, s) = (several(background, at, &mut b_end), several(noise, at, &mut s_end));
         // SAFETY: 16 and 32 bytes are read of as many.
         let (c, b, s) = unsafe {
             (
@@ -78,22 +91,84 @@ fn add_row_avx2(
         let c = _mm256_and_si256(_mm256_slli_epi16::<3>(c), marked);
         let b = _mm256_and_si256(_mm256_srli_epi16::<5>(b), marked);
         let s = _mm256_and_si256(s, marked);
-        // Sums of two columns become those of four, of two kinds side by side in each half.
-        let both = |x, y| _mm256_permute4x64_epi64::<0b11_01_10_00>(_mm256_hadd_epi32(x, y));
-        let first = both(_mm256_madd_epi16(c, c), _mm256_madd_epi16(c, b));
-        let second = both(_mm256_madd_epi16(b, b), _mm256_madd_epi16(s, s));
-        let [cc, cb, bb, ss] = &mut *fours;
-        for (pair, sums) in [(first, [cc, cb]), (second, [bb, ss])] {
-            let halves = [_mm256_castsi256_si128(pair), _mm256_extracti128_si256::<1>(pair)];
-            for (half, sums) in halves.into_iter().zip(sums) {
-                if let Some(four) = sums[4 * k..].first_chunk_mut::<4>() {
-                    // SAFETY: 16 bytes are read and written of 16.
-                    unsafe {
-                        let before = _mm_loadu_si128(four.as_ptr().cast());
-                        _mm_storeu_si128(four.as_mut_ptr().cast(), _mm_add_epi32(before, half));
-                    }
-                }
+        cc = _mm256_add_epi32(cc, _mm256_madd_epi16(c, c));
+        cb = _mm256_add_epi32(cb, _mm256_madd_epi16(c, b));
+        bb = _mm256_add_epi32(bb, _mm256_madd_epi16(b, b));
+        ss = _mm256_add_epi32(ss, _mm256_madd_epi16(s, s));
+    }
+    // Sums of two columns become those of four, of two kinds side by side in each half.
+    let both = |x, y| _mm256_permute4x64_epi64::<0b11_01_10_00>(_mm256_hadd_epi32(x, y));
+    let (first, second) = (both(cc, cb), both(bb, ss));
+    let [cc, cb, bb, ss] = fours;
+    for (pair, sums) in [(first, [cc, cb]), (second, [bb, ss])] {
+        let halves = [_mm256_castsi256_si128(pair), _mm256_extracti128_si256::<1>(pair)];
+        for (half, sums) in halves.into_iter().zip(sums) {
+            if let Some(four) = sums[GROUP / 4 * group..].first_chunk_mut::<4>() {
+                // SAFETY: 16 bytes are written of 16.
+                unsafe { _mm_storeu_si128(four.as_mut_ptr().cast(), half) };
             }
         }
     }
+}
+
+/// The same of a half of the columns.
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx512f,avx512bw,avx512vl")]
+fn sum_half_avx512(
+    marks: &[u64],
+    picture: &[u8],
+    background: &[u16],
+    noise: &[u16],
+    width: usize,
+    half: usize,
+    fours: &mut Fours,
+) {
+    use std::arch::x86_64::*;
+    let any = marks.iter().fold(0, |any, bits| any | bits);
+    if (any >> (HALF * half)) as u32 == 0 {
+        return;
+    }
+    let (mut c_end, mut b_end, mut s_end) = ([0; HALF], [0; HALF], [0; HALF]);
+    let zero = _mm512_setzero_si512();
+    let (mut cc, mut cb, mut bb, mut ss) = (zero, zero, zero, zero);
+    for (row, &bits) in marks.iter().enumerate() {
+        let marked = (bits >> (HALF * half)) as u32;
+        let at = row * width + HALF * half;
+        let c = several(picture, at, &mut c_end);
+        let (b, s) = (several(background, at, &mut b_end), several(noise, at, &mut s_end));
+        // SAFETY: 32 and 64 bytes are read of as many.
+        let (c, b, s) = unsafe {
+            (
+                _mm512_maskz_cvtepu8_epi16(marked, _mm256_loadu_si256(c.as_ptr().cast())),
+                _mm512_loadu_si512(b.as_ptr().cast()),
+                _mm512_loadu_si512(s.as_ptr().cast()),
+            )
+        };
+        let c = _mm512_slli_epi16::<3>(c);
+        let (b, s) = (_mm512_maskz_srli_epi16::<5>(marked, b), _mm512_maskz_mov_epi16(marked, s));
+        cc = _mm512_add_epi32(cc, _mm512_madd_epi16(c, c));
+        cb = _mm512_add_epi32(cb, _mm512_madd_epi16(c, b));
+        bb = _mm512_add_epi32(bb, _mm512_madd_epi16(b, b));
+        ss = _mm512_add_epi32(ss, _mm512_madd_epi16(s, s));
+    }
+    for (pairs, sums) in [cc, cb, bb, ss].into_iter().zip(fours) {
+        let four = _mm512_add_epi32(pairs, _mm512_srli_epi64::<32>(pairs));
+        if let Some(eight) = sums[HALF / 4 * half..].first_chunk_mut::<8>() {
+            // SAFETY: 32 bytes are written of 32.
+            unsafe { _mm256_storeu_si256(eight.as_mut_ptr().cast(), _mm512_cvtepi64_epi32(four)) };
+        }
+    }
+}
+
+/// Values from place `at` on; where there are fewer, they and zeros in `space`.
+#[cfg(target_arch = "x86_64")]
+#[inline(always)]
+fn several<'a, const N: usize, T: Copy + Default>(values: &'a [T], at: usize, space: &'a mut [T; N]) -> &'a [T; N] {
+    let values = values.get(at..).unwrap_or(&[]);
+    if let Some(whole) = values.first_chunk() {
+        return whole;
+    }
+    *space = [T::default(); N];
+    space[..values.len()].copy_from_slice(values);
+    space
 }

@@ -7,29 +7,23 @@ pub(in super::super) type Segment = [u8; 16];
 
 /// Segments of a block.
 const SEGMENTS: usize = 8;
-/// Blocks ahead of which a picture's lines are fetched into the cache.
-const AHEAD: usize = 6;
 
 wide! {
 /// The sum of absolute differences of each block to its `reference`; `places` are where its segments begin in the picture. A place
-/// that is none differs as much as can be. Places after the first `sums.len()` blocks are those that will be asked for next.
+/// that is none differs as much as can be. `next` are blocks that will be asked for after these: while these are worked, as many
+/// of them are fetched into the cache.
 pub(in super::super) fn differences(
     picture: &[u8],
     places: &[[u32; SEGMENTS]],
     reference: &[[Segment; SEGMENTS]],
+    next: &[[u32; SEGMENTS]],
     sums: &mut [u16],
 ) {
-    for (i, ((sum, places_here), reference)) in sums.iter_mut().zip(places).zip(reference).enumerate() {
-        if let Some(next) = places.get(i + AHEAD) {
+    for (i, ((sum, places), reference)) in sums.iter_mut().zip(places).zip(reference).enumerate() {
+        if let Some(next) = next.get(i) {
             fetch(picture, next);
         }
-        let mut all = 0u16;
-        for (place, then) in places_here.iter().zip(reference) {
-            let now: Option<&Segment> = picture.get(*place as usize..).and_then(|pixels| pixels.first_chunk());
-            let difference = now.map_or(16 * 255, |now| difference(now, then));
-            all += difference;
-        }
-        *sum = all;
+        *sum = difference(picture, places, reference);
     }
 }
 }
@@ -46,17 +40,38 @@ pub(in super::super) fn copy(picture: &[u8], places: &[[u32; SEGMENTS]], referen
 }
 
 #[inline(always)]
-fn difference(now: &Segment, then: &Segment) -> u16 {
+fn difference(picture: &[u8], places: &[u32; SEGMENTS], reference: &[Segment; SEGMENTS]) -> u16 {
+    let segment = |place: u32| -> Option<&Segment> { picture.get(place as usize..)?.first_chunk() };
     #[cfg(target_arch = "x86_64")]
     {
         use std::arch::x86_64::*;
-        // SAFETY: every x86-64 processor has these instructions; 16 bytes are read of 16.
-        let sums = unsafe { _mm_sad_epu8(_mm_loadu_si128(now.as_ptr().cast()), _mm_loadu_si128(then.as_ptr().cast())) };
         // SAFETY: every x86-64 processor has these instructions.
-        unsafe { (_mm_cvtsi128_si32(sums) + _mm_extract_epi16::<4>(sums)) as u16 }
+        let mut all = unsafe { _mm_setzero_si128() };
+        for (place, then) in places.iter().zip(reference) {
+            let now = segment(*place);
+            // SAFETY: every x86-64 processor has these instructions; 16 bytes are read of 16.
+            all = unsafe {
+                let sums = match now {
+                    Some(now) => {
+                        _mm_sad_epu8(_mm_loadu_si128(now.as_ptr().cast()), _mm_loadu_si128(then.as_ptr().cast()))
+                    }
+                    None => _mm_set_epi64x(8 * 255, 8 * 255),
+                };
+                _mm_add_epi64(all, sums)
+            };
+        }
+        // SAFETY: every x86-64 processor has these instructions.
+        unsafe { (_mm_cvtsi128_si32(all) + _mm_extract_epi16::<4>(all)) as u16 }
     }
     #[cfg(not(target_arch = "x86_64"))]
-    now.iter().zip(then).map(|(a, b)| u16::from(a.abs_diff(*b))).sum()
+    places
+        .iter()
+        .zip(reference)
+        .map(|(place, then)| {
+            let now = segment(*place);
+            now.map_or(16 * 255, |now| now.iter().zip(then).map(|(a, b)| u16::from(a.abs_diff(*b))).sum())
+        })
+        .sum()
 }
 
 #[inline(always)]
@@ -87,7 +102,7 @@ mod tests {
         let mut reference = vec![[[0; 16]; SEGMENTS]; 20];
         copy(&before, &places, &mut reference);
         let mut sums = vec![0; 20];
-        differences(&now, &places, &reference, &mut sums);
+        differences(&now, &places, &reference, &places[7..], &mut sums);
         for (sum, places) in sums.iter().zip(&places) {
             let pixels = places.iter().flat_map(|p| *p as usize..*p as usize + 16);
             let want: u32 = pixels.map(|i| u32::from(now[i].abs_diff(before[i]))).sum();

@@ -20,14 +20,14 @@ use std::sync::{Arc, Mutex};
 
 use super::super::LutEntry;
 use crate::motion::kernel::{self, Level, available, wide};
-use crate::motion::{CELL_COLUMNS, CELL_ROWS, Work};
+use crate::motion::{CELL_COLUMNS, CELL_ROWS, Canvas, Work};
 
 /// Columns of a tile.
 const COLUMNS: usize = CELL_COLUMNS;
 /// Pixels of a tile's copy at most, if it has more than one row: 28 KB.
 const MOST_PIXELS: usize = 14 * 1024;
 /// Pixels that are copied together.
-const BLOCK: usize = 32;
+const BLOCK: usize = 16;
 /// Bytes of the copy: all that 16-bit offsets reach.
 const COPY_BYTES: usize = 2 * (1 << 16) + 2;
 /// Rows of a tile between which source is fetched.
@@ -205,19 +205,31 @@ impl Tiles {
             + COPY_BYTES
     }
 
-    /// Unwarps, where the cells of `work` are worked if it is given; whether it could: a source or output of another size is left to
-    /// the plain loop.
-    pub(crate) fn unwarp(&self, source: &[u8], work: Option<&Work>, out: &mut [u8]) -> bool {
+    /// Unwarps; whether it could: a source or output of another size is left to the plain loop.
+    pub(crate) fn unwarp(&self, source: &[u8], out: &mut [u8]) -> bool {
+        self.work_with_copy(source, out, |copy, out| draw(self, source, copy, out))
+    }
+
+    /// The same where the cells of a canvas are worked, of which the old picture is kept.
+    pub(crate) fn unwarp_cells(&self, source: &[u8], canvas: &mut Canvas<'_>) -> bool {
+        let Canvas { picture, work, kept } = canvas;
+        let kept = kept.as_deref_mut().unwrap_or(&mut []);
+        self.work_with_copy(source, picture, |copy, out| draw_cells(self, source, work, copy, out, kept))
+    }
+
+    fn work_with_copy(
+        &self,
+        source: &[u8],
+        out: &mut [u8],
+        work: impl FnOnce(&mut [u8; COPY_BYTES], &mut [u8]),
+    ) -> bool {
         if source.len() != self.source_len || out.len() != self.width * self.height {
             return false;
         }
         let Ok(mut copy) = self.copy.try_lock() else { return false };
         copy.resize(COPY_BYTES, 0);
         let Some(copy) = copy.first_chunk_mut() else { return false };
-        match work.filter(|work| !work.is_whole()) {
-            Some(cells) => draw_cells(self, source, cells, copy, out),
-            None => draw(self, source, copy, out),
-        }
+        work(copy, out);
         for (i, entry) in &self.rim {
             out[*i as usize] = super::sample(source, self.stride, *entry);
         }
@@ -269,8 +281,8 @@ fn draw(tiles: &Tiles, source: &[u8], copy: &mut [u8; COPY_BYTES], out: &mut [u8
     }
 }
 
-/// The cells that are worked, tile by tile. While one is worked the source of the next one is fetched.
-fn draw_cells(tiles: &Tiles, source: &[u8], work: &Work, copy: &mut [u8; COPY_BYTES], out: &mut [u8]) {
+/// The cells that are worked, tile by tile; what is drawn over is kept. While one is worked the source of the next one is fetched.
+fn draw_cells(tiles: &Tiles, source: &[u8], work: &Work, copy: &mut [u8; COPY_BYTES], out: &mut [u8], kept: &mut [u8]) {
     let (offsets, weights) = (tiles.offsets.as_chunks::<COLUMNS>().0, tiles.weights.as_chunks::<COLUMNS>().0);
     let level = available();
     let mut cells = tiles.tiles.iter().flat_map(|tile| {
@@ -285,6 +297,7 @@ fn draw_cells(tiles: &Tiles, source: &[u8], work: &Work, copy: &mut [u8; COPY_BY
         let mut ahead = next.map_or(&[][..], |(_, _, pieces)| pieces);
         let rows = tile.rows.start.max(band * CELL_ROWS)..tile.rows.end.min((band + 1) * CELL_ROWS);
         let share = ahead.len().div_ceil(rows.len().div_ceil(FETCH_ROWS));
+        let before = tile.column.next_multiple_of(COLUMNS) - tile.column;
         for (k, v) in rows.enumerate() {
             if k % FETCH_ROWS == 0 {
                 let (now, later) = ahead.split_at(share.min(ahead.len()));
@@ -292,9 +305,15 @@ fn draw_cells(tiles: &Tiles, source: &[u8], work: &Work, copy: &mut [u8; COPY_BY
                 ahead = later;
             }
             let at = tile.first + v - tile.rows.start;
-            if let Some(out) = out[v * tiles.width + tile.column..].first_chunk_mut() {
-                sample_row(level, copy, &offsets[at], &weights[at], out);
+            let place = v * tiles.width + tile.column;
+            let Some(out) = out[place..].first_chunk_mut::<COLUMNS>() else { continue };
+            match kept.get_mut(place..).and_then(|kept| kept.first_chunk_mut::<COLUMNS>()) {
+                // The last tile begins in the cell before its own, which has been drawn if it is.
+                Some(kept) if before > 0 => kept[before..].copy_from_slice(&out[before..]),
+                Some(kept) => *kept = *out,
+                None => {}
             }
+            sample_row(level, copy, &offsets[at], &weights[at], out);
         }
     }
 }
@@ -337,9 +356,12 @@ fn sample_row(
     out: &mut [u8; COLUMNS],
 ) {
     #[cfg(target_arch = "x86_64")]
-    if level >= Level::Avx2 {
+    match level {
         // SAFETY: the processor has these instructions.
-        return unsafe { sample_row_avx2(copy, offsets, weights, out) };
+        Level::Avx512 => return unsafe { sample_row_avx512(copy, offsets, weights, out) },
+        // SAFETY: the processor has these instructions.
+        Level::Avx2 => return unsafe { sample_row_avx2(copy, offsets, weights, out) },
+        Level::Portable => {}
     }
     #[cfg(not(target_arch = "x86_64"))]
     let _ = level;
@@ -359,6 +381,16 @@ fn word(copy: &[u8; COPY_BYTES], offset: u16) -> i32 {
     i32::from_le_bytes([copy[at], copy[at + 1], copy[at + 2], copy[at + 3]])
 }
 
+/// Four offsets out of one load. Loaded one by one the compiler would load them as a vector, double them there, and take each out
+/// again, which costs more than the doubling that addresses do anyway.
+#[cfg(target_arch = "x86_64")]
+#[inline(always)]
+fn apart(offsets: &[u16; 4]) -> [u16; 4] {
+    // SAFETY: eight bytes are read of eight; the pointer need not be aligned.
+    let all = unsafe { offsets.as_ptr().cast::<u64>().read_unaligned() };
+    [all as u16, (all >> 16) as u16, (all >> 32) as u16, (all >> 48) as u16]
+}
+
 /// The same, sixteen at a time. Each pixel is loaded on its own: that is faster than a gather instruction.
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx2")]
@@ -370,6 +402,7 @@ fn sample_row_avx2(
 ) {
     use std::arch::x86_64::*;
     let four = |at: &[u16; 4]| {
+        let at = apart(at);
         let first = _mm_cvtsi32_si128(word(copy, at[0]));
         let two = _mm_insert_epi32::<1>(first, word(copy, at[1]));
         _mm_insert_epi32::<3>(_mm_insert_epi32::<2>(two, word(copy, at[2])), word(copy, at[3]))
@@ -411,6 +444,54 @@ fn sample_row_avx2(
     }
 }
 
+/// The same with half as many instructions but the loads.
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx512f,avx512bw,avx512dq,avx512vl,avx2")]
+fn sample_row_avx512(
+    copy: &[u8; COPY_BYTES],
+    offsets: &[u16; COLUMNS],
+    weights: &[u16; COLUMNS],
+    out: &mut [u8; COLUMNS],
+) {
+    use std::arch::x86_64::*;
+    let four = |at: &[u16; 4]| {
+        let at = apart(at);
+        let first = _mm_cvtsi32_si128(word(copy, at[0]));
+        let two = _mm_insert_epi32::<1>(first, word(copy, at[1]));
+        _mm_insert_epi32::<3>(_mm_insert_epi32::<2>(two, word(copy, at[2])), word(copy, at[3]))
+    };
+    let eight = |at: [&[u16; 4]; 2]| _mm256_inserti128_si256::<1>(_mm256_castsi128_si256(four(at[0])), four(at[1]));
+    // Weights as in `sample_row_avx2`: those of the first eight pixels, then those of the others.
+    let fx = _mm256_setr_epi64x(
+        0x8002_8002_8000_8000_u64 as i64,
+        0x8006_8006_8004_8004_u64 as i64,
+        0x8002_8002_8000_8000_u64 as i64,
+        0x8006_8006_8004_8004_u64 as i64,
+    );
+    let later = _mm256_add_epi8(fx, _mm256_set1_epi16(8));
+    let fx = _mm512_inserti64x4::<1>(_mm512_castsi256_si512(fx), later);
+    let fy = _mm512_add_epi8(fx, _mm512_set1_epi16(1));
+    let (left_half, left_256) = (_mm512_set1_epi32(0xffff), _mm512_set1_epi32(257));
+    let offset = _mm512_set1_epi32((1 << 23) + (1 << 15));
+    let blocks = offsets.as_chunks::<16>().0.iter().zip(weights.as_chunks::<16>().0);
+    for ((offsets, weights), out) in blocks.zip(out.as_chunks_mut::<16>().0) {
+        let at = offsets.as_chunks::<4>().0;
+        let words = _mm512_castsi256_si512(eight([&at[0], &at[1]]));
+        let words = _mm512_inserti64x4::<1>(words, eight([&at[2], &at[3]]));
+        // SAFETY: 32 bytes are read of 32; the pointer need not be aligned.
+        let weights = unsafe { _mm256_loadu_si256(weights.as_ptr().cast()) };
+        let weights = _mm512_broadcast_i64x4(weights);
+        let (x, y) = (_mm512_shuffle_epi8(weights, fx), _mm512_shuffle_epi8(weights, fy));
+        let upper = _mm512_slli_epi16::<8>(words);
+        let change = _mm512_sub_epi16(_mm512_srai_epi16::<8>(words), _mm512_srai_epi16::<8>(upper));
+        let sums = _mm512_add_epi16(upper, _mm512_mullo_epi16(change, y));
+        let x = _mm512_add_epi16(_mm512_xor_si512(x, left_half), left_256);
+        let values = _mm512_srli_epi32::<16>(_mm512_add_epi32(_mm512_madd_epi16(sums, x), offset));
+        // SAFETY: 16 bytes are written of 16.
+        unsafe { _mm_storeu_si128(out.as_mut_ptr().cast(), _mm512_cvtepi32_epi8(values)) };
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use rand::{Rng, SeedableRng};
@@ -426,7 +507,7 @@ mod tests {
         super::super::unwarp(&source, stride, entries, width, &mut want);
         for level in [Level::Portable, Level::Avx2, Level::Avx512] {
             let mut got = vec![0; entries.len()];
-            assert!(at_most(level, || tiles.unwarp(&source, None, &mut got)));
+            assert!(at_most(level, || tiles.unwarp(&source, &mut got)));
             assert_eq!(got, want, "{width} columns, {level:?}");
         }
     }
@@ -485,13 +566,15 @@ mod tests {
             for level in [Level::Portable, Level::Avx2, Level::Avx512] {
                 // What no unwarping of this source leaves there.
                 let before: Vec<u8> = want.iter().map(|p| p ^ 255).collect();
-                let mut got = before.clone();
-                assert!(at_most(level, || tiles.unwarp(&source, Some(&work), &mut got)));
+                let (mut got, mut kept) = (before.clone(), vec![0; before.len()]);
+                let mut canvas = Canvas { picture: &mut got, work: &work, kept: Some(&mut kept) };
+                assert!(at_most(level, || tiles.unwarp_cells(&source, &mut canvas)));
                 for (i, got) in got.iter().enumerate() {
                     let (column, row) = (i % width, i / width);
                     // The last tile begins before the last cell, so that it is as wide as the others.
                     let is_shared = (width - COLUMNS..width / COLUMNS * COLUMNS).contains(&column);
                     let is_worked = work.is_worked(column / COLUMNS, row / CELL_ROWS);
+                    assert_eq!(kept[i], if is_worked { before[i] } else { 0 }, "({column}, {row}), {level:?}");
                     if is_worked || !is_shared {
                         assert_eq!(*got, if is_worked { want[i] } else { before[i] }, "({column}, {row}), {level:?}");
                     }

@@ -1,0 +1,283 @@
+//! Loops over the pixels of a region: one call for all of its runs. These are short, so each is worked in blocks of 64 pixels; those
+//! beyond its end are read where there are any, and do not count.
+
+use std::ops::Range;
+
+use super::{bits_of, padded, wide};
+use crate::motion::regions::Run;
+
+/// Pixels that are worked together.
+pub const BLOCK: usize = 64;
+
+/// Pixels of a picture from place `at` on; zeros beyond its end.
+#[inline(always)]
+fn block<T: Copy + Default>(values: &[T], at: usize) -> [T; BLOCK] {
+    let values = values.get(at..).unwrap_or(&[]);
+    values.first_chunk().copied().unwrap_or_else(|| padded(values))
+}
+
+/// The lowest `n` bits.
+#[inline(always)]
+fn lowest(n: usize) -> u64 {
+    if n >= BLOCK { u64::MAX } else { (1 << n) - 1 }
+}
+
+/// Calls `f` with each block of a run: the place of its first pixel, counted in the run too, and how many of it belong to the run.
+#[inline(always)]
+fn for_blocks(run: &Run, width: usize, mut f: impl FnMut(usize, usize, usize)) {
+    let (first, len) = (run.row as usize * width + run.start as usize, run.len as usize);
+    let mut done = 0;
+    while done < len {
+        f(first + done, done, (len - done).min(BLOCK));
+        done += BLOCK;
+    }
+}
+
+wide! {
+/// How many pixels of a region differ by `threshold` or more in two pictures of rows of `width` pixels (6-1). Counts on until there
+/// are `enough`.
+pub fn count_differences(runs: &[Run], width: usize, a: &[u8], b: &[u8], threshold: u8, enough: usize) -> usize {
+    let mut count = 0;
+    for run in runs {
+        for_blocks(run, width, |at, _, n| {
+            let (a, b) = (block(a, at), block(b, at));
+            let mut differ = [0u8; BLOCK];
+            for i in 0..BLOCK {
+                differ[i] = if a[i].abs_diff(b[i]) >= threshold { u8::MAX } else { 0 };
+            }
+            count += (bits_of(&differ) & lowest(n)).count_ones() as usize;
+        });
+        if count >= enough {
+            break;
+        }
+    }
+    count
+}
+}
+
+wide! {
+/// How many pixels of a region are anything but the background (8.8 fixed point) darkened by less than half. Counts on until there
+/// are `enough`.
+pub fn count_not_darker(runs: &[Run], width: usize, picture: &[u8], background: &[u16], enough: usize) -> usize {
+    let mut count = 0;
+    for run in runs {
+        for_blocks(run, width, |at, _, n| {
+            let (picture, background) = (block(picture, at), block(background, at));
+            let mut darker = [0u8; BLOCK];
+            for i in 0..BLOCK {
+                let half = u16::from(picture[i]) << 7;
+                darker[i] = if (half < background[i] >> 1) & (half > background[i] >> 2) { u8::MAX } else { 0 };
+            }
+            count += (!bits_of(&darker) & lowest(n)).count_ones() as usize;
+        });
+        if count >= enough {
+            break;
+        }
+    }
+    count
+}
+}
+
+wide! {
+/// Adds a region's `values`, at least `least` and at most `most` each, to the sums of its columns, of which column `start` of a
+/// ring of `width` is the first. `sums` has at least [`BLOCK`] more than the region has columns.
+pub fn add_to_columns(runs: &[Run], width: usize, start: usize, values: &[u8], least: u8, most: u8, sums: &mut [u32]) {
+    for run in runs {
+        let first = offset(run, start, width);
+        for_blocks(run, width, |at, done, n| {
+            let values = block(values, at);
+            let Some(sums) = sums.get_mut(first + done..).and_then(|sums| sums.first_chunk_mut::<BLOCK>()) else { return };
+            for i in 0..BLOCK {
+                let value = u32::from(values[i].max(least).min(most));
+                sums[i] = sums[i].wrapping_add(if i < n { value } else { 0 });
+            }
+        });
+    }
+}
+}
+
+wide! {
+/// Adds a region's `values`, at most `most` each, to the sums of its rows, of which `first_row` is the first, and counts them. Only
+/// those in some `columns` of a ring of `width`, counted from column `start`.
+#[allow(clippy::too_many_arguments)]
+pub fn add_to_rows(
+    runs: &[Run],
+    width: usize,
+    start: usize,
+    columns: &Range<usize>,
+    first_row: usize,
+    values: &[u8],
+    most: u8,
+    rows: &mut [(u32, u32)],
+) {
+    for run in runs {
+        let first = offset(run, start, width);
+        let (from, end) = (first.max(columns.start), (first + run.len as usize).min(columns.end));
+        let mut sum = 0u32;
+        let inner = Run { row: run.row, start: run.start + (from - first) as u32, len: end.saturating_sub(from) as u32 };
+        for_blocks(&inner, width, |at, _, n| {
+            let values = block(values, at);
+            for (i, value) in values.into_iter().enumerate() {
+                let value = value.min(most);
+                sum = sum.wrapping_add(u32::from(if i < n { value } else { 0 }));
+            }
+        });
+        if let Some((all, n)) = rows.get_mut((run.row as usize).wrapping_sub(first_row)) {
+            *all = all.wrapping_add(sum);
+            *n = n.wrapping_add(inner.len);
+        }
+    }
+}
+}
+
+wide! {
+/// Adds a region's pixels to the sums of the cells that its `columns` columns from `start` on make with `bands` equal bands of the
+/// `height` rows of the picture, and counts them. `counts` and `sums` are by bands, and have at least [`BLOCK`] more than there are
+/// cells.
+#[allow(clippy::too_many_arguments)]
+pub fn add_to_cells(
+    runs: &[Run],
+    size: [usize; 2],
+    start: usize,
+    columns: usize,
+    bands: usize,
+    pixels: &[u8],
+    counts: &mut [u16],
+    sums: &mut [u32],
+) {
+    let [width, height] = size;
+    for run in runs {
+        let first = run.row as usize * bands / height * columns + offset(run, start, width);
+        for_blocks(run, width, |at, done, n| {
+            let pixels = block(pixels, at);
+            let cells = first + done..;
+            let counts = counts.get_mut(cells.clone()).and_then(|counts| counts.first_chunk_mut::<BLOCK>());
+            let sums = sums.get_mut(cells).and_then(|sums| sums.first_chunk_mut::<BLOCK>());
+            let (Some(counts), Some(sums)) = (counts, sums) else { return };
+            for i in 0..BLOCK {
+                counts[i] = counts[i].wrapping_add(u16::from(i < n));
+                sums[i] = sums[i].wrapping_add(if i < n { u32::from(pixels[i]) } else { 0 });
+            }
+        });
+    }
+}
+}
+
+/// The column of a run's first pixel, counted from column `start` of a ring.
+#[inline(always)]
+fn offset(run: &Run, start: usize, width: usize) -> usize {
+    let column = run.start as usize;
+    if column >= start { column - start } else { column + width - start }
+}
+
+wide! {
+/// Sets the pixels of runs.
+pub fn fill_runs(runs: &[Run], width: usize, value: u8, pixels: &mut [u8]) {
+    for run in runs {
+        let first = run.row as usize * width + run.start as usize;
+        if let Some(pixels) = pixels.get_mut(first..first + run.len as usize) {
+            fill(pixels, value);
+        }
+    }
+}
+}
+
+/// Sets all pixels: in pieces of 32, then of 8, for runs are short; the last piece of each overlaps the one before.
+#[inline(always)]
+fn fill(pixels: &mut [u8], value: u8) {
+    fn pieces<const N: usize>(pixels: &mut [u8], value: u8) -> bool {
+        if pixels.len() < N {
+            return false;
+        }
+        let (whole, _) = pixels.as_chunks_mut::<N>();
+        whole.fill([value; N]);
+        if let Some(last) = pixels.last_chunk_mut::<N>() {
+            *last = [value; N];
+        }
+        true
+    }
+    if !pieces::<32>(pixels, value) && !pieces::<8>(pixels, value) {
+        pixels.iter_mut().for_each(|p| *p = value);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use rand::{Rng, SeedableRng};
+
+    use super::super::{Level, at_most};
+    use super::*;
+
+    const WIDTH: usize = 150;
+    const HEIGHT: usize = 20;
+    /// A region that lies over the seam.
+    const START: usize = 100;
+    const COLUMNS: usize = 110;
+    const INNER: Range<usize> = 20..101;
+
+    /// Runs within the region's columns, some of them empty, long, and at the picture's end.
+    fn runs(rng: &mut rand_chacha::ChaCha8Rng) -> Vec<Run> {
+        let mut random = |below: usize| rng.next_u32() as usize % below;
+        let mut runs = vec![Run { row: 19, start: 140, len: 10 }];
+        for row in 0..HEIGHT as u32 - 1 {
+            let len = 1 + random(60);
+            runs.push(Run { row, start: random(61 - len) as u32, len: len as u32 });
+            let len = 1 + random(50);
+            runs.push(Run { row, start: (START + random(51 - len)) as u32, len: len as u32 });
+        }
+        runs.sort_by_key(|r| (r.row, r.start));
+        runs
+    }
+
+    fn pixels(runs: &[Run]) -> impl Iterator<Item = (usize, usize)> {
+        runs.iter().flat_map(|r| (r.start..r.start + r.len).map(|x| (x as usize, r.row as usize)))
+    }
+
+    #[test]
+    fn sums_and_counts_are_those_of_pixels_one_by_one() {
+        let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(12);
+        for _ in 0..20 {
+            let runs = runs(&mut rng);
+            let mut bytes = || (0..WIDTH * HEIGHT).map(|_| (rng.next_u32() >> 24) as u8).collect::<Vec<u8>>();
+            let (a, b) = (bytes(), bytes());
+            let level: Vec<u16> = a.iter().zip(&b).map(|(a, b)| u16::from(*a) << 8 | u16::from(*b)).collect();
+            let (mut differ, mut not_darker) = (0, 0);
+            let (mut columns, mut rows) = (vec![0u32; COLUMNS + BLOCK], vec![(0, 0); HEIGHT]);
+            let mut counts = vec![0u16; 4 * COLUMNS + BLOCK];
+            let (mut sums, mut filled) = (vec![0u32; 4 * COLUMNS + BLOCK], vec![3; WIDTH * HEIGHT]);
+            for (x, y) in pixels(&runs) {
+                let i = y * WIDTH + x;
+                differ += usize::from(a[i].abs_diff(b[i]) >= 90);
+                let half = u16::from(b[i]) << 7;
+                not_darker += usize::from(half >= level[i] >> 1 || half <= level[i] >> 2);
+                let column = (x + WIDTH - START) % WIDTH;
+                columns[column] += u32::from(a[i].clamp(9, 99));
+                if INNER.contains(&column) {
+                    rows[y] = (rows[y].0 + u32::from(a[i].min(99)), rows[y].1 + 1);
+                }
+                counts[y * 4 / HEIGHT * COLUMNS + column] += 1;
+                sums[y * 4 / HEIGHT * COLUMNS + column] += u32::from(a[i]);
+                filled[i] = 7;
+            }
+            for kind in [Level::Portable, Level::Avx2, Level::Avx512] {
+                at_most(kind, || {
+                    assert_eq!(count_differences(&runs, WIDTH, &a, &b, 90, usize::MAX), differ);
+                    assert!((5..differ).contains(&count_differences(&runs, WIDTH, &a, &b, 90, 5)));
+                    assert_eq!(count_not_darker(&runs, WIDTH, &b, &level, usize::MAX), not_darker);
+                    let mut got = vec![0; COLUMNS + BLOCK];
+                    add_to_columns(&runs, WIDTH, START, &a, 9, 99, &mut got);
+                    assert_eq!(got, columns, "{kind:?}");
+                    let mut got = vec![(0, 0); HEIGHT];
+                    add_to_rows(&runs, WIDTH, START, &INNER, 0, &a, 99, &mut got);
+                    assert_eq!(got, rows, "{kind:?}");
+                    let mut got = (vec![0; counts.len()], vec![0; sums.len()]);
+                    add_to_cells(&runs, [WIDTH, HEIGHT], START, COLUMNS, 4, &a, &mut got.0, &mut got.1);
+                    assert_eq!(got, (counts.clone(), sums.clone()), "{kind:?}");
+                    let mut got = vec![3; WIDTH * HEIGHT];
+                    fill_runs(&runs, WIDTH, 7, &mut got);
+                    assert_eq!(got, filled, "{kind:?}");
+                });
+            }
+        }
+    }
+}
