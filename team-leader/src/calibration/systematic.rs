@@ -54,6 +54,8 @@ const LEAST_BIAS_RAD: f64 = 0.004;
 const BLOCK_S: f64 = 3.0;
 const LEAST_BLOCKS: usize = 4;
 const MAX_BLOCKS: usize = 40;
+/// They are left out in so many groups, for large teams' sake.
+const GROUPS: usize = 8;
 /// Innovations (by what they tell) until the sigmas that a robot states are judged, and how many count.
 const LEAST_COUNT: f64 = 15.0;
 const MOST_COUNT: f64 = 100.0;
@@ -297,11 +299,11 @@ impl Systematic {
         &mut self.blocks[last]
     }
 
-    /// Λ + Λ₀ and η of all blocks but one.
-    fn sums(&self, except: Option<usize>) -> (DMatrix<f64>, DVector<f64>) {
+    /// Λ + Λ₀ and η of all blocks.
+    fn sums(&self) -> (DMatrix<f64>, DVector<f64>) {
         let n = self.robots.len();
         let (mut information, mut vector) = (DMatrix::zeros(2 * n, 2 * n), DVector::zeros(2 * n));
-        for (_, block) in self.blocks.iter().enumerate().filter(|(k, _)| Some(*k) != except) {
+        for block in &self.blocks {
             information += &block.information;
             vector += &block.vector;
         }
@@ -319,22 +321,17 @@ impl Systematic {
         let keep = (-since_s.clamp(0.0, MEMORY_S) / MEMORY_S).exp();
         self.blocks.iter_mut().for_each(|block| block.forget(keep));
         let n = self.robots.len();
-        let (information, vector) = self.sums(None);
+        let (information, vector) = self.sums();
         // Robots that targets have told of.
         let told = |r: usize| self.blocks.iter().map(|block| block.information[(2 * r, 2 * r)]).sum::<f64>();
         let informed: Vec<usize> = (0..n).filter(|r| told(*r) > LAG_S.powi(-2)).collect();
+        let without = self.without_each_group(&information, &vector);
         let Some(factor) = information.cholesky() else { return };
         let estimate = factor.solve(&vector);
         let change = &estimate - &self.estimate;
         self.estimate = estimate;
         self.watched.iter_mut().for_each(|w| w.rebase(&change));
         let cov = factor.inverse();
-        let without: Vec<DVector<f64>> = (0..self.blocks.len())
-            .filter_map(|k| {
-                let (information, vector) = self.sums(Some(k));
-                Some(information.cholesky()?.solve(&vector))
-            })
-            .collect();
         let zero_s = median(informed.iter().map(|r| self.estimate[2 * r]).collect());
         let part = 1.0 / informed.len().max(1) as f64;
         for r in 0..n {
@@ -348,7 +345,7 @@ impl Systematic {
             let bias_var = cov[(2 * r + 1, 2 * r + 1)].max(jackknife_var(&without, |e| e[2 * r + 1]));
             let lag = (self.estimate[2 * r] - zero_s, lag_var.max(0.0).sqrt().hypot(LAG_FLOOR_S));
             let bias = (self.estimate[2 * r + 1], bias_var.sqrt().hypot(BIAS_FLOOR_RAD));
-            let enough = without.len() >= LEAST_BLOCKS;
+            let enough = self.blocks.len() >= LEAST_BLOCKS;
             let lag_told = enough && informed.len() > 1 && informed.contains(&r) && lag.1 < TOLD_LAG_S;
             let excess = self.excess(r);
             let shared = &mut self.robots[r];
@@ -360,6 +357,21 @@ impl Systematic {
             shared.widened = if excess > WIDENED { excess } else { 1.0 };
             shared.set_aside = excess > SET_ASIDE;
         }
+    }
+
+    /// The estimates that each group of blocks is left out of.
+    fn without_each_group(&self, information: &DMatrix<f64>, vector: &DVector<f64>) -> Vec<DVector<f64>> {
+        let blocks = self.blocks.len();
+        let groups = blocks.min(GROUPS);
+        let without = |group: usize| {
+            let (mut information, mut vector) = (information.clone(), vector.clone());
+            for block in self.blocks.range(group * blocks / groups..(group + 1) * blocks / groups) {
+                information -= &block.information;
+                vector -= &block.vector;
+            }
+            Some(information.cholesky()?.solve(&vector))
+        };
+        (0..groups).filter_map(without).collect()
     }
 
     /// By how much the robot's errors of late are larger than it states, without the block that is worst for it.
@@ -391,7 +403,7 @@ impl Shared {
     }
 }
 
-/// Variance of a value by how it scatters as each block of the data is left out.
+/// Variance of a value by how it scatters as each group of the data is left out.
 fn jackknife_var(without: &[DVector<f64>], value: impl Fn(&DVector<f64>) -> f64) -> f64 {
     let n = without.len() as f64;
     if n < 2.0 {

@@ -12,10 +12,12 @@ struct Errors {
     bias_rad: Vec<f64>,
     /// By how much errors are larger than stated.
     larger: Vec<f64>,
+    /// From when to when the first robot takes whoever walks so many seconds behind people for them.
+    mistaken_s: [f64; 3],
 }
 
 fn errors(robots: usize) -> Errors {
-    Errors { late_s: vec![0.0; robots], bias_rad: vec![0.0; robots], larger: vec![1.0; robots] }
+    Errors { late_s: vec![0.0; robots], bias_rad: vec![0.0; robots], larger: vec![1.0; robots], mistaken_s: [0.0; 3] }
 }
 
 fn walker(n: u32, t: f64) -> [f64; 2] {
@@ -40,7 +42,9 @@ fn watch(errors: &Errors, seconds: f64, seed: u64) -> Systematic {
             let p = pose(r);
             let bearings = (0..3)
                 .map(|w| {
-                    let [x, y] = walker(w, stamp_s - errors.late_s[r]);
+                    let [from_s, to_s, behind_s] = errors.mistaken_s;
+                    let mistaken = r == 0 && (from_s..to_s).contains(&stamp_s);
+                    let [x, y] = walker(w, stamp_s - errors.late_s[r] - if mistaken { behind_s } else { 0.0 });
                     let noise: f64 = StandardNormal.sample(&mut rng);
                     let b = (y - p.y_m).atan2(x - p.x_m) - p.heading_rad;
                     (TargetId(w), b + errors.bias_rad[r] + errors.larger[r] * SIGMA_RAD * noise, SIGMA_RAD)
@@ -65,6 +69,30 @@ fn sixty_milliseconds_of_hidden_latency_are_found_to_ten() {
             assert_eq!(found.of(r).sure_lag_s != 0.0, r == 1, "{robots} robots, {r}: {lag_s} ± {sigma_s}");
         }
     }
+}
+
+#[test]
+fn people_taken_for_others_for_seconds_make_no_lag_and_no_bias() {
+    let mut furthest: f64 = 0.0;
+    for (robots, seed) in [(3, 11), (3, 12), (4, 13), (4, 14)] {
+        for begin_s in [3.0, 6.0, 9.0] {
+            let mut errors = errors(robots);
+            errors.mistaken_s = [begin_s, begin_s + 3.0, 0.4];
+            let found = watch(&errors, 13.5, seed);
+            for r in 0..robots {
+                let Shared { lag_s, bias_rad, sure_lag_s, sure_bias_rad, .. } = found.of(r);
+                assert_eq!(
+                    [sure_lag_s, sure_bias_rad],
+                    [0.0; 2],
+                    "{robots} robots, {r}, {begin_s} s: {lag_s:?} {bias_rad:?}"
+                );
+                let sigmas = [lag_s, bias_rad].into_iter().flatten().map(|(value, sigma)| value.abs() / sigma);
+                furthest = sigmas.fold(furthest, f64::max);
+            }
+        }
+    }
+    println!("at most {furthest:.1} sigmas");
+    assert!(furthest < 4.0, "{furthest}");
 }
 
 #[test]
