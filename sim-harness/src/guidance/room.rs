@@ -269,8 +269,7 @@ impl Room {
                 track: TrackId(p as u32),
                 state: TrackState::Visible,
                 bearing: Angle16::from_rad(bearing),
-                // The leader itself allows for the sway.
-                bearing_sigma: LogSigma::from_value(white),
+                bearing_sigma: LogSigma::from_value(white.hypot(SWAY_M / range_m)),
                 elevation: elevation.map(Angle16::from_rad),
                 elevation_sigma: LogSigma::from_value(0.005),
                 ends: [ElevationEnd::Seen, ElevationEnd::Seen],
