@@ -10,12 +10,11 @@ use std::collections::VecDeque;
 
 use nalgebra::{DMatrix, Vector2};
 use protocol::frames::Pose2;
-use protocol::message::{Guidance, TrackObservation, TrackState};
+use protocol::message::Guidance;
 use protocol::time::Timestamp;
 
 use super::{Leader, Output};
 use crate::calibration::block::Block;
-use crate::correspondence::ObservedBy;
 use crate::planning::outlook::{Post, joint, mean_square_m2};
 
 /// Places along each side of the grid, and of the finer one round its best.
@@ -39,9 +38,8 @@ const ROBOT_TOP_M: f64 = 0.8;
 const BETTER: f64 = 0.93;
 /// A robot that stands within this of where it stood has not gone anywhere, metres.
 const SAME_M: f64 = 0.2;
-/// What bearings tell follows within so many bearings; nobody's axis is surer than this, metres.
+/// Bearings' mean squares follow within so many bearings.
 const SIGMA_MEMORY: f64 = 100.0;
-const LEAST_SIGMA_M: f64 = 1e-3;
 
 /// The planner's state, of a component.
 #[derive(Debug, Default)]
@@ -92,21 +90,11 @@ impl Leader {
         self.go_on(home, now, outputs);
     }
 
-    /// What a robot's frame says of its bearings of targets: their information is what a filter has of them.
-    pub(super) fn note_bearings(&mut self, robot: usize, tracks: &[TrackObservation], since_s: Option<f64>) {
-        let home = self.home(robot);
-        let pose = home.calibrator.station(robot);
-        let range_m = |track: &TrackObservation| {
-            let is_it = |o: &ObservedBy| o.robot == robot && o.track == track.track;
-            let followed = home.follower.targets().iter().find(|f| f.state.observers.iter().any(is_it))?;
-            Some((followed.state.target.position() - pose?.position()).norm())
-        };
-        let visible = tracks.iter().filter(|t| t.state == TrackState::Visible);
-        let sigmas_m: Vec<f64> = visible.filter_map(|t| Some(range_m(t)? * t.bearing_sigma.value())).collect();
-        let (per_m2, rate_hz) = &mut self.members[robot].bearings;
-        for sigma_m in sigmas_m.into_iter().filter(|s| *s > LEAST_SIGMA_M) {
-            let told = sigma_m.powi(-2);
-            *per_m2 += if *per_m2 == 0.0 { told } else { (told - *per_m2) / SIGMA_MEMORY };
+    /// What a robot's frame says of its bearings.
+    pub(super) fn note_bearings(&mut self, robot: usize, sigmas: impl Iterator<Item = f64>, since_s: Option<f64>) {
+        let (var, rate_hz) = &mut self.members[robot].bearings;
+        for sigma in sigmas {
+            *var += if *var == 0.0 { sigma * sigma } else { (sigma * sigma - *var) / SIGMA_MEMORY };
         }
         if let Some(since_s) = since_s.filter(|s| *s > 1e-3) {
             *rate_hz += if *rate_hz == 0.0 { 1.0 / since_s } else { (1.0 / since_s - *rate_hz) / SIGMA_MEMORY };
@@ -142,10 +130,9 @@ impl Leader {
         }
         let robots: Vec<usize> = stations.iter().map(|(r, _)| *r).collect();
         let post = |&(robot, pose): &(usize, Pose2)| {
-            let (per_m2, rate_hz) =
-                Some(self.members[robot].bearings).filter(|(told, rate)| *told > 0.0 && *rate > 0.0)?;
+            let (var, rate_hz) = Some(self.members[robot].bearings).filter(|(var, rate)| *var > 0.0 && *rate > 0.0)?;
             let radius_m = self.members[robot].radius_m().unwrap_or(0.25);
-            Some(Post { pose, radius_m, sigma_m: per_m2.sqrt().recip(), rate_hz })
+            Some(Post { pose, radius_m, sigma_rad: var.sqrt(), rate_hz })
         };
         let Some(posts) = stations.iter().map(post).collect::<Option<Vec<_>>>() else { return false };
         // Evenly over the time that is kept.

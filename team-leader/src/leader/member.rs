@@ -49,7 +49,7 @@ pub struct Member {
     pub usual_delay_s: Option<f64>,
     /// Observations in a row that took another time.
     pub unusual_delays: u32,
-    /// What it states that a bearing tells of a body's axis (one over its variance, 1/m²), and frames a second; 0 where not known yet.
+    /// Variance that it states of a bearing, rad², and frames a second; 0 where not known yet.
     pub bearings: (f64, f64),
     /// Observations that came before its announcement or its clock's first answer.
     waiting: VecDeque<Observation>,

@@ -34,8 +34,8 @@ pub struct Post {
     pub pose: Pose2,
     /// Radius of its body, metres.
     pub radius_m: f64,
-    /// Standard deviation that it states of a body's axis, metres aside: what blurs an axis (gait, clothes, company) is on the body.
-    pub sigma_m: f64,
+    /// Standard deviation that it states of a bearing, rad.
+    pub sigma_rad: f64,
     /// Frames a second.
     pub rate_hz: f64,
 }
@@ -90,7 +90,7 @@ fn at_place(posts: &[Post], poses: &DMatrix<f64>, place: Vector2<f64>, config: &
             let (_, to_pose, to_point) = kernel::bearing(from, [place.x, place.y]);
             let range_m = (place - post.pose.position()).norm();
             let repeat = config.repeat(1.0 / post.rate_hz, MOST_REPEAT);
-            let var = config.bearing_var(post.sigma_m / range_m, range_m) * repeat * STRETCH;
+            let var = config.bearing_var(post.sigma_rad, range_m) * repeat * STRETCH;
             // As a density: information a second.
             (k, RowVector2::from(to_point), to_pose, post.rate_hz / var)
         })
@@ -172,7 +172,7 @@ mod tests {
     use protocol::time::Timestamp;
 
     fn post(x: f64, y: f64) -> Post {
-        Post { pose: Pose2::new(x, y, 0.3), radius_m: 0.2, sigma_m: 0.03, rate_hz: 10.0 }
+        Post { pose: Pose2::new(x, y, 0.3), radius_m: 0.2, sigma_rad: 0.004, rate_hz: 10.0 }
     }
 
     /// What the target's filter itself comes to, fed frame by frame.
@@ -184,7 +184,7 @@ mod tests {
             target.predict(at);
             for (robot, post) in posts.iter().enumerate() {
                 let range_m = (place - post.pose.position()).norm();
-                let var = (post.sigma_m.powi(2) + config.axis_sway_m.powi(2)) / range_m.powi(2) * 2.5 * STRETCH;
+                let var = (post.sigma_rad.powi(2) + (config.axis_sway_m / range_m).powi(2)) * 2.5 * STRETCH;
                 let bearing_rad = post.pose.bearing_to(place);
                 target.update(&BearingFrom { robot, pose: post.pose, bearing_rad, var, at });
             }

@@ -5,14 +5,15 @@ use super::*;
 use nalgebra::Vector2;
 
 /// All at one end of the room.
+const PLACES: [[f64; 3]; 3] = [[1.4, 1.6, 0.4], [1.5, 3.0, 2.5], [1.3, 4.4, -1.8]];
+
 fn badly_placed(duration_s: f64, follows_from_s: Option<f64>, seed: u64) -> World {
-    let places = vec![[1.4, 1.6, 0.4], [1.5, 3.0, 2.5], [1.3, 4.4, -1.8]];
     let settings = Settings {
         robots: 3,
         drives: vec![],
         people: 3,
         duration_s,
-        places: Some(places),
+        places: Some(PLACES.to_vec()),
         follows_from_s,
         ..Settings::default()
     };
@@ -55,9 +56,14 @@ fn who_goes_where_it_is_told_sees_the_error_fall() {
                 Some(arrived_s) if t > arrived_s + 4.0 => 1,
                 _ => return,
             };
-            let Some(gauge) = map.gauge.and_then(|g| world.robots.iter().position(|r| r.id == g)) else { return };
-            let [x, y, heading] = [[1.4, 1.6, 0.4], [1.5, 3.0, 2.5], [1.3, 4.4, -1.8]][gauge];
-            let frame = protocol::frames::Pose2::new(x, y, heading);
+            // The team's frame, by a robot that has not gone anywhere.
+            let stays = |k: &usize| world.robots[*k].pose == PLACES[*k];
+            let placed = |k: usize| {
+                let robot = map.robots.iter().find(|r| r.id == world.robots[k].id)?;
+                let [x, y, heading] = PLACES[k];
+                Some(protocol::frames::Pose2::new(x, y, heading) * robot.team_from_body?.inverse())
+            };
+            let Some(frame) = (0..PLACES.len()).filter(stays).find_map(placed) else { return };
             let (_, people) = world.truth_at(t);
             for target in &map.targets {
                 let at =
