@@ -25,15 +25,9 @@ const REACH: usize = 2;
 
 pub(crate) fn outline_steps(region: &Region, picture: &[u8], background: &[u16], raster: &Raster) -> OutlineSteps {
     let w = raster.width;
-    // A column at most a ring's width beside the picture.
-    let column = |x: isize| match usize::try_from(x) {
-        Ok(x) if x < w => Some(x),
-        Ok(x) => raster.wraps.then(|| x - w),
-        Err(_) => raster.wraps.then(|| w - x.unsigned_abs()),
-    };
     let mut votes = OutlineSteps::default();
     let mut add = |row: usize, outside: isize, inside: isize| {
-        if let (Some(o), Some(i)) = (column(outside), column(inside)) {
+        if let (Some(o), Some(i)) = (raster.column_at(outside), raster.column_at(inside)) {
             let (o, i) = (row * w + o, row * w + i);
             let in_picture = u16::from(picture[o].abs_diff(picture[i]));
             let in_background = background[o].abs_diff(background[i]) >> 8;

@@ -32,8 +32,7 @@ impl Holes {
         }
         let (top, arc, words) = (region.rows[0] as u32, region.arc, region.arc.width.div_ceil(WORD));
         let columns_of = |run: &Run| {
-            let column = run.start as usize;
-            let offset = if column >= arc.start { column - arc.start } else { column + raster.width - arc.start };
+            let offset = run.offset(arc.start, raster.width);
             offset.min(arc.width)..(offset + run.len as usize).min(arc.width)
         };
         self.note_below(&region, words, columns_of);

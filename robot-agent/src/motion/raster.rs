@@ -25,9 +25,10 @@ impl Raster {
     /// The column at `x`, round a ring; `None` beside a picture that is none.
     #[inline]
     pub fn column_at(&self, x: isize) -> Option<usize> {
-        match self.wraps {
-            true => Some(x.rem_euclid(self.width as isize) as usize),
-            false => usize::try_from(x).ok().filter(|x| *x < self.width),
+        match usize::try_from(x) {
+            // Most are in the picture: no division for those.
+            Ok(x) if x < self.width => Some(x),
+            _ => self.wraps.then(|| x.rem_euclid(self.width as isize) as usize),
         }
     }
 

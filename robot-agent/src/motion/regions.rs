@@ -112,8 +112,7 @@ impl Region {
     fn of_arc(runs: Vec<Run>, arc: Arc, [area, sum_y]: [usize; 2], raster: &Raster) -> Self {
         let mut sum_x = 0.0;
         for r in &runs {
-            let column = r.start as usize;
-            let offset = if column >= arc.start { column - arc.start } else { column + raster.width - arc.start };
+            let offset = r.offset(arc.start, raster.width);
             sum_x += f64::from(r.len) * (offset as f64 + (f64::from(r.len) - 1.0) / 2.0);
         }
         let rows = [runs.first().map_or(0, |r| r.row as usize), runs.last().map_or(0, |r| r.row as usize)];
@@ -128,6 +127,15 @@ pub(crate) struct Run {
     pub(crate) row: u32,
     pub(crate) start: u32,
     pub(crate) len: u32,
+}
+
+impl Run {
+    /// The column of its first pixel, counted from column `start` of a ring of `width`.
+    #[inline(always)]
+    pub(super) fn offset(&self, start: usize, width: usize) -> usize {
+        let column = self.start as usize;
+        if column >= start { column - start } else { column + width - start }
+    }
 }
 
 /// The regions of a mask (0 or 1 a pixel) with at least `min_area` pixels, in the order of their first pixel.

@@ -83,7 +83,7 @@ wide! {
 /// ring of `width` is the first. `sums` has at least [`BLOCK`] more than the region has columns.
 pub fn add_to_columns(runs: &[Run], width: usize, start: usize, values: &[u8], least: u8, most: u8, sums: &mut [u32]) {
     for run in runs {
-        let first = offset(run, start, width);
+        let first = run.offset(start, width);
         for_blocks(run, width, |at, done, n| {
             let values = block(values, at);
             let Some(sums) = sums.get_mut(first + done..).and_then(|sums| sums.first_chunk_mut::<BLOCK>()) else { return };
@@ -111,7 +111,7 @@ pub fn add_to_rows(
     rows: &mut [(u32, u32)],
 ) {
     for run in runs {
-        let first = offset(run, start, width);
+        let first = run.offset(start, width);
         let (from, end) = (first.max(columns.start), (first + run.len as usize).min(columns.end));
         let mut sum = 0u32;
         let inner = Run { row: run.row, start: run.start + (from - first) as u32, len: end.saturating_sub(from) as u32 };
@@ -147,7 +147,7 @@ pub fn add_to_cells(
 ) {
     let [width, height] = size;
     for run in runs {
-        let first = run.row as usize * bands / height * columns + offset(run, start, width);
+        let first = run.row as usize * bands / height * columns + run.offset(start, width);
         for_blocks(run, width, |at, done, n| {
             let pixels = block(pixels, at);
             let cells = first + done..;
@@ -161,13 +161,6 @@ pub fn add_to_cells(
         });
     }
 }
-}
-
-/// The column of a run's first pixel, counted from column `start` of a ring.
-#[inline(always)]
-fn offset(run: &Run, start: usize, width: usize) -> usize {
-    let column = run.start as usize;
-    if column >= start { column - start } else { column + width - start }
 }
 
 wide! {
