@@ -10,11 +10,12 @@ use std::collections::VecDeque;
 
 use nalgebra::{DMatrix, Vector2};
 use protocol::frames::Pose2;
-use protocol::message::Guidance;
+use protocol::message::{Guidance, TrackObservation, TrackState};
 use protocol::time::Timestamp;
 
 use super::{Leader, Output};
 use crate::calibration::block::Block;
+use crate::correspondence::ObservedBy;
 use crate::planning::outlook::{Post, joint, mean_square_m2};
 
 /// Places along each side of the grid, and of the finer one round its best.
@@ -38,8 +39,8 @@ const ROBOT_TOP_M: f64 = 0.8;
 const BETTER: f64 = 0.93;
 /// A robot that stands within this of where it stood has not gone anywhere, metres.
 const SAME_M: f64 = 0.2;
-/// Bearings' mean squares follow within so many bearings.
-const SIGMA_MEMORY: f64 = 100.0;
+/// A robot's rate follows within so many frames.
+const RATE_MEMORY: f64 = 100.0;
 
 /// The planner's state, of a component.
 #[derive(Debug, Default)]
@@ -90,14 +91,20 @@ impl Leader {
         self.go_on(home, now, outputs);
     }
 
-    /// What a robot's frame says of its bearings.
-    pub(super) fn note_bearings(&mut self, robot: usize, sigmas: impl Iterator<Item = f64>, since_s: Option<f64>) {
-        let (var, rate_hz) = &mut self.members[robot].bearings;
-        for sigma in sigmas {
-            *var += if *var == 0.0 { sigma * sigma } else { (sigma * sigma - *var) / SIGMA_MEMORY };
-        }
+    /// What a robot's frame says of its bearings of targets.
+    pub(super) fn note_bearings(&mut self, robot: usize, tracks: &[TrackObservation], since_s: Option<f64>) {
+        let home = self.home(robot);
+        let Some(eye) = home.calibrator.station(robot).map(|pose| pose.position()) else { return };
+        let seen = |track: &TrackObservation| {
+            let is_it = |o: &ObservedBy| o.robot == robot && o.track == track.track;
+            let followed = home.follower.targets().iter().find(|f| f.state.observers.iter().any(is_it))?;
+            Some(((followed.state.target.position() - eye).norm(), track.bearing_sigma.value()))
+        };
+        let seen: Vec<_> = tracks.iter().filter(|t| t.state == TrackState::Visible).filter_map(seen).collect();
+        let (line, rate_hz) = &mut self.members[robot].bearings;
+        seen.into_iter().for_each(|(range_m, sigma_rad)| line.note(range_m, sigma_rad));
         if let Some(since_s) = since_s.filter(|s| *s > 1e-3) {
-            *rate_hz += if *rate_hz == 0.0 { 1.0 / since_s } else { (1.0 / since_s - *rate_hz) / SIGMA_MEMORY };
+            *rate_hz += if *rate_hz == 0.0 { 1.0 / since_s } else { (1.0 / since_s - *rate_hz) / RATE_MEMORY };
         }
     }
 
@@ -130,9 +137,9 @@ impl Leader {
         }
         let robots: Vec<usize> = stations.iter().map(|(r, _)| *r).collect();
         let post = |&(robot, pose): &(usize, Pose2)| {
-            let (var, rate_hz) = Some(self.members[robot].bearings).filter(|(var, rate)| *var > 0.0 && *rate > 0.0)?;
+            let (line, rate_hz) = Some(self.members[robot].bearings).filter(|(_, rate_hz)| *rate_hz > 0.0)?;
             let radius_m = self.members[robot].radius_m().unwrap_or(0.25);
-            Some(Post { pose, radius_m, sigma_rad: var.sqrt(), rate_hz })
+            Some(Post { pose, radius_m, blur: line.blur()?, rate_hz })
         };
         let Some(posts) = stations.iter().map(post).collect::<Option<Vec<_>>>() else { return false };
         // Evenly over the time that is kept.

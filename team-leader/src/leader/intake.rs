@@ -6,7 +6,7 @@ use protocol::id::RobotId;
 use protocol::message::observation::FeaturePart;
 use protocol::message::{
     Alarm, Announcement, ClockProbe, ClockReply, Edges, Motion, Observation, Odometry, PeerSighting, Recent, Stages,
-    TrackState, Trouble,
+    Trouble,
 };
 use protocol::time::Timestamp;
 
@@ -162,9 +162,7 @@ impl Leader {
         } else {
             Vec::new()
         };
-        let sigmas =
-            observation.tracks.iter().filter(|t| t.state == TrackState::Visible).map(|t| t.bearing_sigma.value());
-        self.note_bearings(k, sigmas, admission.since_last_s);
+        self.note_bearings(k, &observation.tracks, admission.since_last_s);
         let thrifty = self.thrift() > 1;
         let home = self.home(k);
         home.calibrator.be_thrifty(thrifty);

@@ -10,6 +10,7 @@ use protocol::time::Timestamp;
 use super::config::ClockConfig;
 use crate::calibration::systematic::Shared;
 use crate::clock_offset::ClockOffset;
+use crate::planning::outlook::BlurLine;
 use crate::team_map::build::RobotFacts;
 use crate::timeline::Timeline;
 
@@ -49,8 +50,8 @@ pub struct Member {
     pub usual_delay_s: Option<f64>,
     /// Observations in a row that took another time.
     pub unusual_delays: u32,
-    /// Variance that it states of a bearing, rad², and frames a second; 0 where not known yet.
-    pub bearings: (f64, f64),
+    /// What it states of its bearings of targets, and frames a second (0 where not known yet).
+    pub bearings: (BlurLine, f64),
     /// Observations that came before its announcement or its clock's first answer.
     waiting: VecDeque<Observation>,
 }
@@ -74,7 +75,7 @@ impl Member {
             trouble: None,
             usual_delay_s: None,
             unusual_delays: 0,
-            bearings: (0.0, 0.0),
+            bearings: (BlurLine::default(), 0.0),
             waiting: VecDeque::new(),
         }
     }

@@ -24,6 +24,9 @@ const LEAST_RANGE_M: f64 = 0.4;
 const STRETCH: f64 = 1.15;
 /// Whoever comes to a place of few sights passes it in about this time, seconds.
 const PASSING_S: f64 = 1.0;
+/// What bearings state follows within so many bearings; a smaller spread of squares of distances says little of how errors depend on them, m⁴.
+const LINE_MEMORY: f64 = 300.0;
+const LEAST_SPREAD_M4: f64 = 1.0;
 /// Steps of the filter until it rests.
 const STEPS: usize = 60;
 
@@ -34,10 +37,60 @@ pub struct Post {
     pub pose: Pose2,
     /// Radius of its body, metres.
     pub radius_m: f64,
-    /// Standard deviation that it states of a bearing, rad.
-    pub sigma_rad: f64,
+    /// What it states of bearings.
+    pub blur: Blur,
     /// Frames a second.
     pub rate_hz: f64,
+}
+
+/// Variance of a bearing of a body by the body's distance: what blurs its axis lies on the body (gait, clothes, company: metres
+/// aside) or in the camera (an angle).
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct Blur {
+    /// Metres aside, m².
+    pub aside_m2: f64,
+    /// Angle, rad².
+    pub angle_rad2: f64,
+}
+
+impl Blur {
+    /// Variance at a distance, rad².
+    pub fn var_rad2(&self, range_m: f64) -> f64 {
+        self.aside_m2 / (range_m * range_m) + self.angle_rad2
+    }
+}
+
+/// How a robot's stated variances depend on distance, learnt as it goes: the straight line of (distance · σ)² over distance².
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct BlurLine {
+    count: f64,
+    /// Means of distance² and of (distance · σ)², m².
+    mean: [f64; 2],
+    /// Variance of distance² and covariance of the two, m⁴.
+    spread: [f64; 2],
+}
+
+impl BlurLine {
+    /// One more bearing.
+    pub fn note(&mut self, range_m: f64, sigma_rad: f64) {
+        let seen = [range_m * range_m, (range_m * sigma_rad).powi(2)];
+        if !(seen[0] > 0.0 && seen[1].is_finite()) {
+            return;
+        }
+        self.count = (self.count + 1.0).min(LINE_MEMORY);
+        let (part, from) = (1.0 / self.count, self.mean);
+        for k in 0..2 {
+            self.mean[k] += part * (seen[k] - from[k]);
+            self.spread[k] += part * ((seen[0] - from[0]) * (seen[k] - self.mean[k]) - self.spread[k]);
+        }
+    }
+
+    /// The line; `None` before the first bearing. Where all distances are alike all lies on the body.
+    pub fn blur(&self) -> Option<Blur> {
+        let [range2, aside2] = self.mean;
+        let angle_rad2 = (self.spread[1] / (self.spread[0] + LEAST_SPREAD_M4)).max(0.0).min(aside2 / range2);
+        (self.count > 0.0).then(|| Blur { aside_m2: aside2 - angle_rad2 * range2, angle_rad2 })
+    }
 }
 
 /// Mean square error (trace of the position's covariance, m²) over places where targets are. `poses`: the posts' joint
@@ -90,7 +143,7 @@ fn at_place(posts: &[Post], poses: &DMatrix<f64>, place: Vector2<f64>, config: &
             let (_, to_pose, to_point) = kernel::bearing(from, [place.x, place.y]);
             let range_m = (place - post.pose.position()).norm();
             let repeat = config.repeat(1.0 / post.rate_hz, MOST_REPEAT);
-            let var = config.bearing_var(post.sigma_rad, range_m) * repeat * STRETCH;
+            let var = config.bearing_var(post.blur.var_rad2(range_m).sqrt(), range_m) * repeat * STRETCH;
             // As a density: information a second.
             (k, RowVector2::from(to_point), to_pose, post.rate_hz / var)
         })
@@ -172,7 +225,12 @@ mod tests {
     use protocol::time::Timestamp;
 
     fn post(x: f64, y: f64) -> Post {
-        Post { pose: Pose2::new(x, y, 0.3), radius_m: 0.2, sigma_rad: 0.004, rate_hz: 10.0 }
+        Post {
+            pose: Pose2::new(x, y, 0.3),
+            radius_m: 0.2,
+            blur: Blur { aside_m2: 4e-4, angle_rad2: 1.6e-5 },
+            rate_hz: 10.0,
+        }
     }
 
     /// What the target's filter itself comes to, fed frame by frame.
@@ -184,7 +242,7 @@ mod tests {
             target.predict(at);
             for (robot, post) in posts.iter().enumerate() {
                 let range_m = (place - post.pose.position()).norm();
-                let var = (post.sigma_rad.powi(2) + (config.axis_sway_m / range_m).powi(2)) * 2.5 * STRETCH;
+                let var = (1.6e-5 + (4e-4 + config.axis_sway_m.powi(2)) / range_m.powi(2)) * 2.5 * STRETCH;
                 let bearing_rad = post.pose.bearing_to(place);
                 target.update(&BearingFrom { robot, pose: post.pose, bearing_rad, var, at });
             }
@@ -203,6 +261,30 @@ mod tests {
                 assert!((expected / truth - 1.0).abs() < 0.02, "{expected} {truth}");
             }
         }
+    }
+
+    #[test]
+    fn what_lies_on_the_body_is_told_from_what_lies_in_the_camera() {
+        let truth = Blur { aside_m2: 9e-4, angle_rad2: 4e-5 };
+        let mut line = BlurLine::default();
+        assert_eq!(line.blur(), None);
+        // All at one distance, then at many.
+        (0..200).for_each(|_| line.note(2.0, truth.var_rad2(2.0).sqrt()));
+        let blur = line.blur().unwrap();
+        assert!((blur.var_rad2(2.0) / truth.var_rad2(2.0) - 1.0).abs() < 1e-9 && blur.angle_rad2 < 1e-9, "{blur:?}");
+        (0..2000)
+            .map(|k| 1.0 + 0.01 * f64::from(k % 400))
+            .for_each(|range_m| line.note(range_m, truth.var_rad2(range_m).sqrt()));
+        let blur = line.blur().unwrap();
+        for range_m in [1.0, 3.0, 6.0] {
+            assert!((blur.var_rad2(range_m) / truth.var_rad2(range_m) - 1.0).abs() < 0.1, "{range_m} {blur:?}");
+        }
+        // Errors that fall with distance are nobody's camera.
+        (0..2000)
+            .map(|k| 1.0 + 0.01 * f64::from(k % 400))
+            .for_each(|range_m| line.note(range_m, 0.05 / range_m.powi(2)));
+        let blur = line.blur().unwrap();
+        assert!(blur.angle_rad2 == 0.0 && blur.aside_m2 > 0.0, "{blur:?}");
     }
 
     #[test]
