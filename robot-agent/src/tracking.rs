@@ -61,6 +61,8 @@ pub struct TrackerSettings {
     pub confirm_hits: u32,
     /// A track that nobody sees is lost after so long, seconds.
     pub hidden_s: f64,
+    /// The same of one that others cover, seconds: as long as they do it cannot be seen.
+    pub behind_s: f64,
     /// A hidden track is published for so long, seconds.
     pub publish_hidden_s: f64,
     /// A track that has stopped is kept as an object for so long, seconds; then it belongs to the scene.
@@ -75,6 +77,7 @@ impl Default for TrackerSettings {
             sigmas: ShapeSigmas::default(),
             confirm_hits: 4,
             hidden_s: 2.5,
+            behind_s: 6.0,
             publish_hidden_s: 1.0,
             hold_s: 60.0,
             unsupported_s: 3.0,
@@ -587,14 +590,19 @@ impl Tracker {
     }
 
     fn end_tracks(&mut self, now: Timestamp) {
-        let TrackerSettings { hidden_s, unsupported_s, .. } = self.settings;
+        let TrackerSettings { hidden_s, behind_s, unsupported_s, .. } = self.settings;
         let raster = self.raster;
         self.keep_tracks(|t| {
             if t.confirmed {
                 let left = t.misses > 0 && t.has_left(&raster);
+                let most_s = match (t.has_come(), t.behind) {
+                    (true, true) => [behind_s, behind_s],
+                    (true, false) => [hidden_s, unsupported_s],
+                    (false, _) => [hidden_s, 0.5],
+                };
                 !left
-                    && now.seconds_since(t.seen) <= hidden_s
-                    && now.seconds_since(t.supported) <= if t.has_come() { unsupported_s } else { 0.5 }
+                    && now.seconds_since(t.seen) <= most_s[0]
+                    && now.seconds_since(t.supported) <= most_s[1]
                     && (t.has_come() || now.seconds_since(t.moved) <= STUCK_S)
             } else {
                 t.misses < 2 && now.seconds_since(t.born) <= STUCK_S

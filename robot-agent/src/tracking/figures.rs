@@ -67,6 +67,11 @@ const MOST_BESIDE: f32 = 0.75;
 const MOST_NEW: usize = 8;
 /// Cover from which a cell may be owned, and from which the nearest body owns it.
 const OWNED: [f32; 2] = [0.08, 0.3];
+/// Support below which nobody is there, and own share below which somebody is hidden by others.
+const LEAST_SUPPORT: f32 = 0.25;
+const LEAST_OWN: f32 = 0.25;
+/// Seniority (sightings) from which on a body is no part of one that does not show.
+const ESTABLISHED: u32 = 15;
 /// Levels by which one body is nearer than another for sure.
 const NEARER: f64 = 1.0;
 
@@ -104,8 +109,17 @@ pub(super) struct Figure {
     pub(super) apart: f32,
     /// Log-likelihood gained by what no senior explains, against what the whole body would: whether it exists at all.
     pub(super) evidence: f32,
+    /// The same by what nobody else explains: how much is missing without it.
+    pub(super) needed: f32,
     place: Place,
     seniority: u32,
+}
+
+impl Figure {
+    /// Whether something of it shows, and looks like it.
+    pub(super) fn shows(&self) -> bool {
+        self.own >= LEAST_OWN && self.support >= LEAST_SUPPORT
+    }
 }
 
 /// A silhouette at a place.
@@ -379,7 +393,7 @@ impl Figures {
 
     fn bare_figure(&self, place: Place, seniority: u32) -> Figure {
         let (column, range_m) = (self.column_of(place.cell), place.silhouette.range_m);
-        Figure { column, range_m, own: 1.0, support: 0.0, apart: 1.0, evidence: 0.0, place, seniority }
+        Figure { column, range_m, own: 1.0, support: 0.0, apart: 1.0, evidence: 0.0, needed: 0.0, place, seniority }
     }
 
     /// What is left to explain when some bodies explain theirs.
@@ -594,17 +608,17 @@ impl Figures {
         beside.iter().all(|b| share(*b) > MOST_BESIDE * share(inside))
     }
 
-    /// What is each figure's own, and how well it is supported.
+    /// What is each figure's own, how well it is supported, and whether it exists.
     fn judge(&self, mut figures: Vec<Figure>) -> Vec<Figure> {
+        let mut full = vec![0f32; figures.len()];
         for k in 0..figures.len() {
             let me = &figures[k];
             let others = || figures.iter().enumerate().filter(|(j, _)| *j != k);
             let in_front = || others().filter(|(j, f)| precedes(f, *j, me, k)).map(|(_, f)| &f.place);
-            let seniors = others().filter(|(j, f)| (f.seniority, k) > (me.seniority, *j)).map(|(_, f)| &f.place);
             let free = self.visible(in_front());
             let alone = self.visible(others().map(|(_, f)| &f.place));
             let s = &me.place.silhouette;
-            let (mut own, mut apart, mut all, mut expected, mut full, mut next) = (0f32, 0f32, 0f32, 0f32, 0f32, 0);
+            let (mut own, mut apart, mut all, mut expected, mut next) = (0f32, 0f32, 0f32, 0f32, 0);
             self.for_cells(&me.place, |i, c| {
                 let gain = s.unmarked[next] + c * (s.marked[next] - s.unmarked[next]);
                 next += 1;
@@ -612,14 +626,23 @@ impl Figures {
                 apart += alone[i] * c;
                 all += self.weight[i] * c;
                 expected += free[i] * gain;
-                full += self.weight[i] * gain;
+                full[k] += self.weight[i] * gain;
             });
             let gain = self.gain(me.place.cell, s, &self.rest(in_front()));
-            let evidence = self.gain(me.place.cell, s, &self.rest(seniors)) / full.max(1e-3);
             let all = all.max(1e-3);
             let figure = &mut figures[k];
             (figure.own, figure.apart, figure.support) = (own / all, apart / all, gain / expected.max(1e-3));
-            figure.evidence = evidence;
+        }
+        for (k, full) in full.into_iter().enumerate() {
+            let me = &figures[k];
+            // Who is hidden, by whomever, explains nothing to those who are established.
+            let explains = |f: &Figure| f.shows() || me.seniority < ESTABLISHED;
+            let others = || figures.iter().enumerate().filter(|(j, _)| *j != k);
+            let seniors = others().filter(|(j, f)| (f.seniority, k) > (me.seniority, *j) && explains(f));
+            let beyond = |rest: &Rest| self.gain(me.place.cell, &me.place.silhouette, rest) / full.max(1e-3);
+            let evidence = beyond(&self.rest(seniors.map(|(_, f)| &f.place)));
+            let needed = beyond(&self.rest(others().map(|(_, f)| &f.place)));
+            (figures[k].evidence, figures[k].needed) = (evidence, needed);
         }
         figures
     }

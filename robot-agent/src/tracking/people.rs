@@ -12,19 +12,21 @@ use super::track::Sighting;
 use super::{PeerBearing, Tracker, association, looks};
 use crate::motion::{Object, Region, Scene};
 
-/// Support below which nobody is there.
-const LEAST_SUPPORT: f32 = 0.25;
 /// What a figure must explain in a frame to be seen, and of late to exist, beyond what seniors explain.
 const LEAST_EVIDENCE: f32 = 0.12;
 const LEAST_MEAN_EVIDENCE: f64 = 0.1;
-/// Own share below which somebody is hidden by others, and below which he is not seen alone.
-const LEAST_OWN: f32 = 0.25;
+/// Own share below which somebody is not seen alone.
 const ALONE: f32 = 0.85;
 /// The same for somebody new.
 const NEW_SUPPORT: f32 = 0.4;
 const NEW_OWN: f32 = 0.5;
 /// What somebody whom only others saw until now must explain that no known figure does.
 const TOLD_EVIDENCE: f32 = 0.4;
+/// Own share up to which somebody who is not seen is behind others, and within how far he is where he would be hidden best, metres.
+const COVERED: f32 = 0.5;
+const BEHIND_M: f64 = 0.25;
+/// What is taken to speak for him there.
+const COVERED_EVIDENCE: f32 = 0.3;
 /// Own share from which on somebody in doubt is compared with those who were beside him.
 const COMPARED_OWN: f32 = 0.6;
 /// Share of the pixels that must be in moving objects for the person to move.
@@ -35,10 +37,10 @@ const ROBOT_TOP_RAD: f64 = 0.04;
 const ROBOT_SIDE_RAD: f64 = 0.02;
 
 /// Somebody who was with others comes out no further from where he was placed than this, metres, nor at a distance that
-/// differs more (a logarithm); so much of what speaks for him there may speak for him where he was placed; and so alike he is.
+/// differs more (a logarithm); so much of what speaks for him there may be missing without him where he was placed; and so alike he is.
 const OUT_M: f64 = 0.7;
-const OUT_LOG_RANGE: f64 = 0.5;
-const MOST_ELSEWHERE: f32 = 0.5;
+const OUT_LOG_RANGE: f64 = 0.7;
+const MOST_ELSEWHERE: f32 = 0.8;
 const LEAST_ALIKE: f64 = -1.0;
 
 /// Whoever was hidden by others for long comes out no further from where he was last thought to be, metres.
@@ -89,10 +91,16 @@ impl Tracker {
         let mut now: Vec<Option<Appearance>> = vec![None; known];
         for (t, figure) in all[..known].iter().enumerate() {
             let look = looks.next().flatten();
-            let seen = figure.own >= LEAST_OWN && figure.support >= LEAST_SUPPORT && figure.evidence >= LEAST_EVIDENCE;
             let track = &mut self.tracks[t];
-            track.weigh(f64::from(figure.evidence), dt_s);
-            match look.filter(|_| seen) {
+            let covered = track.behind && track.has_come();
+            let seen = figure.shows() && figure.evidence >= LEAST_EVIDENCE;
+            // Nothing is said against whom others cover; whoever comes out must look like himself.
+            track.weigh(f64::from(if covered { figure.evidence.max(COVERED_EVIDENCE) } else { figure.evidence }), dt_s);
+            let is_he = |look: &Look| {
+                let known = track.looks.firm().filter(|_| track.behind);
+                known.is_none_or(|known| known.log_ratio(&look.sighting.appearance) > LEAST_ALIKE)
+            };
+            match look.filter(|look| seen && is_he(look)) {
                 Some(look) => {
                     self.areas.push((track.id, look.area));
                     if figure.apart >= ALONE {
@@ -101,7 +109,13 @@ impl Tracker {
                     track.see_figure(&look.sighting, capture, &self.raster);
                     now[t] = Some(look.sighting.appearance);
                 }
-                None => track.miss(),
+                None => {
+                    track.miss();
+                    if figure.own < COVERED && track.looks.firm().is_some() {
+                        let within = figures.columns_of(BEHIND_M, figure.range_m);
+                        track.stays_behind(figure.column, within, &self.raster);
+                    }
+                }
             }
         }
         self.suspect(&figures, &all, &now, capture);
@@ -181,7 +195,7 @@ impl Tracker {
             track.confirmed
                 && track.looks.in_doubt()
                 && track.state != TrackState::Visible
-                && figure.evidence < MOST_ELSEWHERE * found.evidence
+                && figure.needed < MOST_ELSEWHERE * found.evidence
                 && away < reach
                 && (found.range_m.ln() - track.log_range).abs() < OUT_LOG_RANGE
         };

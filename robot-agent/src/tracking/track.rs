@@ -45,6 +45,8 @@ pub(super) struct Track {
     /// Where it was last seen, alone or in a group.
     pub(super) arc: Arc,
     pub(super) rows: [usize; 2],
+    /// It is not seen, and others cover where it should be.
+    pub(super) behind: bool,
     /// Columns of its trunk when it was last alone.
     pub(super) trunk_width: f64,
     /// Its strip when it was last alone, and the axis' offset in it.
@@ -178,6 +180,7 @@ impl Track {
             shape: Shape { x: 0.0, y, w, h },
             arc: s.arc,
             rows: s.rows,
+            behind: false,
             trunk_width: s.trunk_width,
             template: Strip { start: 0, filled: Vec::new(), gray: Vec::new() },
             axis_offset: 0.0,
@@ -404,14 +407,23 @@ impl Track {
     /// Not seen.
     pub(super) fn miss(&mut self) {
         self.misses += 1;
+        self.behind = false;
         self.looks.doubt();
         self.state = TrackState::Hidden;
+        (self.axis, self.axis_sigma) = (self.filter.column, self.filter.sigma().hypot(0.3 * self.trunk_width));
+    }
+
+    /// Not seen, and where he should be others cover him: he goes where they go, for elsewhere he would be seen.
+    pub(super) fn stays_behind(&mut self, column: f64, within: f64, raster: &Raster) {
+        self.behind = true;
+        self.filter.update(column, within, raster);
         (self.axis, self.axis_sigma) = (self.filter.column, self.filter.sigma().hypot(0.3 * self.trunk_width));
     }
 
     fn note_seen(&mut self, moves: bool, now: Timestamp) {
         self.hits += 1;
         self.misses = 0;
+        self.behind = false;
         self.seen = now;
         if moves {
             self.moved = now;
