@@ -90,6 +90,11 @@ impl Holes {
 
 /// Marks some columns.
 fn mark(row: &mut [u64], columns: Range<usize>) {
+    if let [word] = row {
+        // As most bodies are.
+        *word |= bits_between(0, columns.start, columns.end);
+        return;
+    }
     for (w, word) in row.iter_mut().enumerate().take(columns.end.div_ceil(WORD)).skip(columns.start / WORD) {
         *word |= bits_between(w, columns.start, columns.end);
     }

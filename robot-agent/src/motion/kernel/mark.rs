@@ -1,6 +1,6 @@
 //! What differs from the background, and from the frame before. Marks are bits, see `marks`.
 
-use super::{Level, available, bits_of, expose, padded, tolerance, wide};
+use super::{Level, available, bits_of, expose, fetch, padded, tolerance, wide};
 
 /// The noise estimate saturates here (8.8 fixed point: 11.7 grey levels of mean deviation, leaves in the wind), so that thresholds stay in 16 bits.
 pub const NOISE_MAX: u16 = 3000;
@@ -9,7 +9,8 @@ pub const INDOOR_NOISE_MAX: u16 = 1700;
 
 const BLOCK: usize = 64;
 
-/// A row of the picture and what it is compared with.
+/// A piece of the picture and what it is compared with: some rows of some columns. Each slice begins at the piece's first pixel and goes on
+/// at least to its last, rows lie `width` pixels apart.
 #[derive(Debug, Clone, Copy)]
 pub struct Compared<'a> {
     /// Grey levels.
@@ -22,17 +23,70 @@ pub struct Compared<'a> {
     pub noise: &'a [u16],
     /// Least changes that mark faintly and strongly, 8.8 fixed point.
     pub floors: [u16; 2],
+    /// Columns and rows of the piece.
+    pub size: [usize; 2],
+    /// Columns of the picture.
+    pub width: usize,
 }
 
+/// Where [`mark_changes`] marks: each slice begins at the piece's first pixel or word, too; rows of words lie `stride` words apart.
+#[derive(Debug)]
+pub struct Marked<'a> {
+    /// |C − B| in whole grey levels.
+    pub magnitude: &'a mut [u8],
+    /// A value a column: becomes the largest of itself and the magnitudes below it.
+    pub most: &'a mut [u8],
+    /// Marked faintly.
+    pub faint: &'a mut [u64],
+    /// Marked strongly.
+    pub strong: &'a mut [u64],
+    /// Words of a row of the picture.
+    pub stride: usize,
+}
+
+/// Rows ahead of which pixels are fetched into the cache: where a picture is worked here and there, it is not read in one piece.
+const FETCH_ROWS: usize = 2;
+
 wide! {
-/// Marks the pixels of a row that differ from the background: `faint` where |C − B| ≥ max(floor, 1.6 σ), `strong` where
-/// |C − B| ≥ max(floor, 4 σ) (`MATHS.md` §7.4), σ = 1.25 noise, C at the background's exposure. `magnitude` is |C − B| in whole
-/// grey levels, `most` becomes the larger of itself and that.
-pub fn mark_changes(row: Compared<'_>, magnitude: &mut [u8], most: &mut [u8], faint: &mut [u64], strong: &mut [u64]) {
+/// Marks the pixels of a piece of the picture that differ from the background: `faint` where |C − B| ≥ max(floor, 1.6 σ), `strong`
+/// where |C − B| ≥ max(floor, 4 σ) (`MATHS.md` §7.4), σ = 1.25 noise, C at the background's exposure.
+pub fn mark_changes(piece: Compared<'_>, marked: &mut Marked<'_>) {
+    let level = available();
+    let [columns, rows] = piece.size;
+    let words = columns.div_ceil(BLOCK);
+    for y in 0..rows {
+        let ahead = (y + FETCH_ROWS) * piece.width..(y + FETCH_ROWS) * piece.width + columns;
+        fetch(piece.picture.get(ahead.clone()).unwrap_or_default());
+        fetch(piece.background.get(ahead.clone()).unwrap_or_default());
+        fetch(piece.noise.get(ahead.clone()).unwrap_or_default());
+        fetch(marked.magnitude.get(ahead).unwrap_or_default());
+        let pixels = y * piece.width..y * piece.width + columns;
+        let (picture, background, noise) =
+            (&piece.picture[pixels.clone()], &piece.background[pixels.clone()], &piece.noise[pixels.clone()]);
+        let (magnitude, most) = (&mut marked.magnitude[pixels], &mut marked.most[..columns]);
+        let faint = &mut marked.faint[y * marked.stride..][..words];
+        let strong = &mut marked.strong[y * marked.stride..][..words];
+        let row = Row { picture, exposure_q15: piece.exposure_q15, background, noise, floors: piece.floors };
+        mark_row(level, row, magnitude, most, faint, strong);
+    }
+}
+}
+
+/// A row of [`Compared`].
+#[derive(Clone, Copy)]
+struct Row<'a> {
+    picture: &'a [u8],
+    exposure_q15: u16,
+    background: &'a [u16],
+    noise: &'a [u16],
+    floors: [u16; 2],
+}
+
+#[inline(always)]
+fn mark_row(level: Level, row: Row<'_>, magnitude: &mut [u8], most: &mut [u8], faint: &mut [u64], strong: &mut [u64]) {
     let n = row.picture.len();
     let (background, noise) = (&row.background[..n], &row.noise[..n]);
     let (magnitude, most) = (&mut magnitude[..n], &mut most[..n]);
-    let level = available();
     let blocks = row.picture.as_chunks().0.iter().zip(background.as_chunks().0).zip(noise.as_chunks().0);
     let out = magnitude.as_chunks_mut().0.iter_mut().zip(most.as_chunks_mut().0);
     for (((p, b), s), ((magnitude, most), marks)) in blocks.zip(out.zip(faint.iter_mut().zip(strong.iter_mut()))) {
@@ -54,13 +108,13 @@ pub fn mark_changes(row: Compared<'_>, magnitude: &mut [u8], most: &mut [u8], fa
         _ => {
             let (mut changes, mut larger) = ([0; BLOCK], padded(most));
             let (p, b, s) = (padded(row.picture), padded(background), padded(noise));
-            let (faint, strong) = mark_block(level, &p, row.exposure_q15, &b, &s, row.floors, &mut changes, &mut larger);
+            let (faint, strong) =
+                mark_block(level, &p, row.exposure_q15, &b, &s, row.floors, &mut changes, &mut larger);
             magnitude.copy_from_slice(&changes[..n]);
             most.copy_from_slice(&larger[..n]);
             (faint & ((1 << n) - 1), strong & ((1 << n) - 1))
         }
     };
-}
 }
 
 #[inline(always)]

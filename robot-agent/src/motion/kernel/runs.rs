@@ -33,6 +33,42 @@ fn for_blocks(run: &Run, width: usize, mut f: impl FnMut(usize, usize, usize)) {
     }
 }
 
+/// Calls `f` with the pixels of each block of columns that a run has a part in, counted from column `start` of a ring of `width`: the
+/// block's first column, its pixels, and 255 where they belong to the run. Blocks of all runs lie one below the other, so that sums
+/// over them are kept at places of their own.
+#[inline(always)]
+fn for_columns(
+    run: &Run,
+    width: usize,
+    start: usize,
+    values: &[u8],
+    mut f: impl FnMut(usize, &[u8; BLOCK], &[u8; BLOCK]),
+) {
+    let (first, len) = (run.offset(start, width), run.len as usize);
+    let mut column = first / BLOCK * BLOCK;
+    while column < first + len {
+        let from = first.saturating_sub(column);
+        let n = (first + len - column).min(BLOCK) - from;
+        let mut inside = [0u8; BLOCK];
+        for i in 0..BLOCK {
+            inside[i] = if (i as u8).wrapping_sub(from as u8) < n as u8 { u8::MAX } else { 0 };
+        }
+        let at = (run.row as usize * width + run.start as usize + column).checked_sub(first);
+        let pixels = match at {
+            Some(at) => block(values, at),
+            // Before the picture's first pixel there are none.
+            None => {
+                let (missing, mut pixels) = ((first - column).min(BLOCK) - run.start as usize, [0; BLOCK]);
+                let there = values.len().min(BLOCK - missing);
+                pixels[missing..missing + there].copy_from_slice(&values[..there]);
+                pixels
+            }
+        };
+        f(column, &pixels, &inside);
+        column += BLOCK;
+    }
+}
+
 wide! {
 /// How many pixels of a region differ by `threshold` or more in two pictures of rows of `width` pixels (6-1). Counts on until there
 /// are `enough`.
@@ -83,13 +119,10 @@ wide! {
 /// ring of `width` is the first. `sums` has at least [`BLOCK`] more than the region has columns.
 pub fn add_to_columns(runs: &[Run], width: usize, start: usize, values: &[u8], least: u8, most: u8, sums: &mut [u32]) {
     for run in runs {
-        let first = run.offset(start, width);
-        for_blocks(run, width, |at, done, n| {
-            let values = block(values, at);
-            let Some(sums) = sums.get_mut(first + done..).and_then(|sums| sums.first_chunk_mut::<BLOCK>()) else { return };
+        for_columns(run, width, start, values, |column, values, inside| {
+            let Some(sums) = sums.get_mut(column..).and_then(|sums| sums.first_chunk_mut::<BLOCK>()) else { return };
             for i in 0..BLOCK {
-                let value = u32::from(values[i].max(least).min(most));
-                sums[i] = sums[i].wrapping_add(if i < n { value } else { 0 });
+                sums[i] = sums[i].wrapping_add(u32::from(values[i].max(least).min(most) & inside[i]));
             }
         });
     }
@@ -115,13 +148,19 @@ pub fn add_to_rows(
         let (from, end) = (first.max(columns.start), (first + run.len as usize).min(columns.end));
         let mut sum = 0u32;
         let inner = Run { row: run.row, start: run.start + (from - first) as u32, len: end.saturating_sub(from) as u32 };
-        for_blocks(&inner, width, |at, _, n| {
-            let values = block(values, at);
-            for (i, value) in values.into_iter().enumerate() {
-                let value = value.min(most);
-                sum = sum.wrapping_add(u32::from(if i < n { value } else { 0 }));
+        let place = inner.row as usize * width + inner.start as usize;
+        let mut done = 0;
+        while done < inner.len as usize {
+            let (values, n) = (block(values, place + done), (inner.len as usize - done).min(BLOCK));
+            let mut counted = [0u8; BLOCK];
+            for i in 0..BLOCK {
+                counted[i] = if (i as u8) < n as u8 { values[i].min(most) } else { 0 };
             }
-        });
+            for value in counted {
+                sum = sum.wrapping_add(u32::from(value));
+            }
+            done += BLOCK;
+        }
         if let Some((all, n)) = rows.get_mut((run.row as usize).wrapping_sub(first_row)) {
             *all = all.wrapping_add(sum);
             *n = n.wrapping_add(inner.len);
@@ -147,16 +186,15 @@ pub fn add_to_cells(
 ) {
     let [width, height] = size;
     for run in runs {
-        let first = run.row as usize * bands / height * columns + run.offset(start, width);
-        for_blocks(run, width, |at, done, n| {
-            let pixels = block(pixels, at);
-            let cells = first + done..;
+        let first = run.row as usize * bands / height * columns;
+        for_columns(run, width, start, pixels, |column, pixels, inside| {
+            let cells = first + column..;
             let counts = counts.get_mut(cells.clone()).and_then(|counts| counts.first_chunk_mut::<BLOCK>());
             let sums = sums.get_mut(cells).and_then(|sums| sums.first_chunk_mut::<BLOCK>());
             let (Some(counts), Some(sums)) = (counts, sums) else { return };
             for i in 0..BLOCK {
-                counts[i] = counts[i].wrapping_add(u16::from(i < n));
-                sums[i] = sums[i].wrapping_add(if i < n { u32::from(pixels[i]) } else { 0 });
+                counts[i] = counts[i].wrapping_add(u16::from(inside[i] & 1));
+                sums[i] = sums[i].wrapping_add(u32::from(pixels[i] & inside[i]));
             }
         });
     }

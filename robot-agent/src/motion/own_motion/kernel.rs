@@ -5,7 +5,7 @@ use std::ops::Range;
 
 use nalgebra::{Matrix4, Vector4};
 
-use crate::motion::kernel::{Level, available, wide};
+use crate::motion::kernel::{Level, available, fetch, wide};
 use crate::motion::raster::Raster;
 
 const TERMS: usize = 15;
@@ -145,6 +145,12 @@ fn sums<T: Gray>(reference: &[T], picture: &[u8], valid: &[u8], raster: &Raster,
         let mut lanes = [[0; LANES / 2]; TERMS];
         for y in (1..height.saturating_sub(1)).step_by(row_step) {
             let i = y * width;
+            let ahead = i + 2 * row_step * width + x0;
+            for near in [ahead - width, ahead, ahead + width] {
+                fetch(reference.get(near..near + LANES).unwrap_or_default());
+            }
+            fetch(picture.get(ahead..ahead + LANES).unwrap_or_default());
+            fetch(valid.get(ahead..ahead + LANES).unwrap_or_default());
             let row = &reference[i..i + width];
             let around = [
                 columns_of(row, x0, 1, plain, &at),
