@@ -130,10 +130,18 @@ fn mark_block(
     most: &mut [u8; BLOCK],
 ) -> (u64, u64) {
     #[cfg(target_arch = "x86_64")]
-    if level == Level::Avx2 {
+    {
         let floors = [floor_faint, floor_strong];
         // SAFETY: the processor has these instructions.
-        return unsafe { mark_block_avx2(picture, exposure_q15, background, noise, floors, magnitude, most) };
+        match level {
+            Level::Avx512 => {
+                return unsafe { mark_block_avx512(picture, exposure_q15, background, noise, floors, magnitude, most) };
+            }
+            Level::Avx2 => {
+                return unsafe { mark_block_avx2(picture, exposure_q15, background, noise, floors, magnitude, most) };
+            }
+            Level::Portable => {}
+        }
     }
     #[cfg(not(target_arch = "x86_64"))]
     let _ = level;
@@ -147,6 +155,43 @@ fn mark_block(
         strong[i] = if difference >= (deviation * 5).max(floor_strong) { u8::MAX } else { 0 };
     }
     (bits_of(&faint), bits_of(&strong))
+}
+
+/// The same; a comparison's bits are its result here.
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx512f,avx512bw,avx512vl,avx2")]
+#[inline]
+fn mark_block_avx512(
+    picture: &[u8; BLOCK],
+    exposure_q15: u16,
+    background: &[u16; BLOCK],
+    noise: &[u16; BLOCK],
+    floors: [u16; 2],
+    magnitude: &mut [u8; BLOCK],
+    most: &mut [u8; BLOCK],
+) -> (u64, u64) {
+    use std::arch::x86_64::*;
+
+    use super::avx2::{load_bytes, store_bytes};
+    use super::avx512::{exposed, load_levels};
+    let exposure = _mm512_set1_epi16(exposure_q15 as i16);
+    let [floor_faint, floor_strong] = floors.map(|floor| _mm512_set1_epi16(floor as i16));
+    let (background, noise) = (background.as_chunks::<32>().0, noise.as_chunks::<32>().0);
+    let out = magnitude.as_chunks_mut::<32>().0.iter_mut().zip(most.as_chunks_mut::<32>().0);
+    let (mut faint, mut strong) = (0, 0);
+    for (k, (picture, (magnitude, most))) in picture.as_chunks::<32>().0.iter().zip(out).enumerate() {
+        let now = exposed(load_bytes(picture), exposure);
+        let (background, noise) = (load_levels(&background[k]), load_levels(&noise[k]));
+        let difference = _mm512_or_si512(_mm512_subs_epu16(now, background), _mm512_subs_epu16(background, now));
+        let least = _mm512_max_epu16(_mm512_slli_epi16::<1>(noise), floor_faint);
+        faint |= u64::from(_mm512_cmpge_epu16_mask(difference, least)) << (32 * k);
+        let least = _mm512_max_epu16(_mm512_add_epi16(_mm512_slli_epi16::<2>(noise), noise), floor_strong);
+        strong |= u64::from(_mm512_cmpge_epu16_mask(difference, least)) << (32 * k);
+        let change = _mm512_cvtepi16_epi8(_mm512_srli_epi16::<8>(difference));
+        store_bytes(magnitude, change);
+        store_bytes(most, _mm256_max_epu8(load_bytes(most), change));
+    }
+    (faint, strong)
 }
 
 /// The same, in half as many instructions as the compiler finds.

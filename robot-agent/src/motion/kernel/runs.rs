@@ -9,11 +9,26 @@ use crate::motion::regions::Run;
 /// Pixels that are worked together.
 pub const BLOCK: usize = 64;
 
-/// Pixels of a picture from place `at` on; zeros beyond its end.
+/// Pixels of a picture from place `at` on; zeros beyond its end, in `space`.
 #[inline(always)]
-fn block<T: Copy + Default>(values: &[T], at: usize) -> [T; BLOCK] {
+fn block<'a, T: Copy + Default>(values: &'a [T], at: usize, space: &'a mut [T; BLOCK]) -> &'a [T; BLOCK] {
     let values = values.get(at..).unwrap_or(&[]);
-    values.first_chunk().copied().unwrap_or_else(|| padded(values))
+    values.first_chunk().unwrap_or_else(|| pad(values, space))
+}
+
+#[cold]
+#[inline(never)]
+fn pad_before<'a>(values: &[u8], missing: usize, space: &'a mut [u8; BLOCK]) -> &'a [u8; BLOCK] {
+    let there = values.len().min(BLOCK.saturating_sub(missing));
+    space[BLOCK.min(missing)..][..there].copy_from_slice(&values[..there]);
+    space
+}
+
+#[cold]
+#[inline(never)]
+fn pad<'a, T: Copy + Default>(values: &[T], space: &'a mut [T; BLOCK]) -> &'a [T; BLOCK] {
+    *space = padded(values);
+    space
 }
 
 /// The lowest `n` bits.
@@ -54,17 +69,13 @@ fn for_columns(
             inside[i] = if (i as u8).wrapping_sub(from as u8) < n as u8 { u8::MAX } else { 0 };
         }
         let at = (run.row as usize * width + run.start as usize + column).checked_sub(first);
+        let mut space = [0; BLOCK];
         let pixels = match at {
-            Some(at) => block(values, at),
+            Some(at) => block(values, at, &mut space),
             // Before the picture's first pixel there are none.
-            None => {
-                let (missing, mut pixels) = ((first - column).min(BLOCK) - run.start as usize, [0; BLOCK]);
-                let there = values.len().min(BLOCK - missing);
-                pixels[missing..missing + there].copy_from_slice(&values[..there]);
-                pixels
-            }
+            None => pad_before(values, (first - column).saturating_sub(run.start as usize), &mut space),
         };
-        f(column, &pixels, &inside);
+        f(column, pixels, &inside);
         column += BLOCK;
     }
 }
@@ -76,7 +87,8 @@ pub fn count_differences(runs: &[Run], width: usize, a: &[u8], b: &[u8], thresho
     let mut count = 0;
     for run in runs {
         for_blocks(run, width, |at, _, n| {
-            let (a, b) = (block(a, at), block(b, at));
+            let (mut a_end, mut b_end) = ([0; BLOCK], [0; BLOCK]);
+            let (a, b) = (block(a, at, &mut a_end), block(b, at, &mut b_end));
             let mut differ = [0u8; BLOCK];
             for i in 0..BLOCK {
                 differ[i] = if a[i].abs_diff(b[i]) >= threshold { u8::MAX } else { 0 };
@@ -98,7 +110,9 @@ pub fn count_not_darker(runs: &[Run], width: usize, picture: &[u8], background: 
     let mut count = 0;
     for run in runs {
         for_blocks(run, width, |at, _, n| {
-            let (picture, background) = (block(picture, at), block(background, at));
+            let (mut picture_end, mut background_end) = ([0; BLOCK], [0; BLOCK]);
+            let (picture, background) =
+                (block(picture, at, &mut picture_end), block(background, at, &mut background_end));
             let mut darker = [0u8; BLOCK];
             for i in 0..BLOCK {
                 let half = u16::from(picture[i]) << 7;
@@ -149,9 +163,10 @@ pub fn add_to_rows(
         let mut sum = 0u32;
         let inner = Run { row: run.row, start: run.start + (from - first) as u32, len: end.saturating_sub(from) as u32 };
         let place = inner.row as usize * width + inner.start as usize;
-        let mut done = 0;
+        let (mut done, mut space) = (0, [0; BLOCK]);
         while done < inner.len as usize {
-            let (values, n) = (block(values, place + done), (inner.len as usize - done).min(BLOCK));
+            let values = block(values, place + done, &mut space);
+            let n = (inner.len as usize - done).min(BLOCK);
             let mut counted = [0u8; BLOCK];
             for i in 0..BLOCK {
                 counted[i] = if (i as u8) < n as u8 { values[i].min(most) } else { 0 };
