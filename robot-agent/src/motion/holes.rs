@@ -42,9 +42,14 @@ impl Holes {
         let mut gaps = 0;
         for row_runs in region.runs.chunk_by(|a, b| a.row == b.row) {
             let row = row_runs[0].row;
+            if let [run] = row_runs {
+                runs.push(*run);
+                mark(&mut self.above, columns_of(run));
+                continue;
+            }
             let first = runs.len();
             runs.extend_from_slice(row_runs);
-            if row_runs.len() > 1 {
+            {
                 let below = &self.below[((row - top) as usize + 1) * words..][..words];
                 self.pieces.clear();
                 self.pieces.extend(row_runs.iter().map(columns_of));
