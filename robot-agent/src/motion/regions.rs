@@ -323,7 +323,12 @@ fn join_touching(runs: &Runs, raster: &Raster, parent: &mut [u32]) {
             let (run, other) = (&all[i], &all[j]);
             let (end, other_end) = (run.start + run.len, other.start + other.len);
             if other.start <= end && run.start <= other_end {
-                join(parent, i as u32, j as u32);
+                if parent[i] == i as u32 {
+                    // Nothing is joined to it yet; all above come before it.
+                    parent[i] = find(parent, j as u32);
+                } else {
+                    join(parent, i as u32, j as u32);
+                }
             }
             if end < other_end {
                 i += 1;
