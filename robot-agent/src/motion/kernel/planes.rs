@@ -92,9 +92,7 @@ fn majority_of_words<const REACH: usize, const COUNTED: usize>(
             [c[w], c[w + 1], c[w + 2]],
             [d[w], d[w + 1], d[w + 2]],
         ];
-        for p in COUNTED..COLUMN_PLANES {
-            words[p] = [0; 3];
-        }
+        words[COUNTED..].fill([0; 3]);
         let mut sum = [0u64; PLANES];
         add(&mut sum, [words[0][1], words[1][1], words[2][1], words[3][1]]);
         for by in 1..=REACH {

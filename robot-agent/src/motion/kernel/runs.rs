@@ -65,8 +65,8 @@ fn for_columns(
         let from = first.saturating_sub(column);
         let n = (first + len - column).min(BLOCK) - from;
         let mut inside = [0u8; BLOCK];
-        for i in 0..BLOCK {
-            inside[i] = if (i as u8).wrapping_sub(from as u8) < n as u8 { u8::MAX } else { 0 };
+        for (i, inside) in inside.iter_mut().enumerate() {
+            *inside = if (i as u8).wrapping_sub(from as u8) < n as u8 { u8::MAX } else { 0 };
         }
         let at = (run.row as usize * width + run.start as usize + column).checked_sub(first);
         let mut space = [0; BLOCK];
