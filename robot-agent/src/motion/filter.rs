@@ -8,7 +8,7 @@
 //! The counts are kept in planes: plane p holds bit p of the count of each pixel, 64 pixels a word (see `kernel::planes`).
 
 use super::kernel::{self, COLUMN_PLANES, PLANES};
-use super::marks::{Marks, WORD};
+use super::marks::{Marks, WORD, bits_between};
 use super::raster::Raster;
 
 /// Windowed majority with its working memory.
@@ -110,28 +110,35 @@ impl Majority {
             let enter = if y + ry < height { marks.row(y + ry) } else { &self.zeros };
             let leave = if y > ry { marks.row(y - ry - 1) } else { &self.zeros };
             kernel::slide_counts(enter, leave, &mut self.columns);
-            for plane in self.columns.chunks_exact_mut(stride + 2) {
-                close_ring(plane, width, wraps, rx);
+            let closed = wraps && reaches_over_seam(&self.columns, width, rx);
+            if closed {
+                self.columns.chunks_exact_mut(stride + 2).for_each(|plane| close_ring(plane, width, rx));
             }
             let need = &self.need[self.need_of_row[y]..][..PLANES * stride];
             let row = &mut out.words_mut()[y * stride..][..stride];
-            kernel::majority_of_counts(&self.columns, rx, need, row);
+            kernel::majority_of_counts(&self.columns, 2 * ry + 1, rx, need, row);
             if !width.is_multiple_of(WORD) {
                 row[stride - 1] &= (1 << (width % WORD)) - 1;
             }
-            for plane in self.columns.chunks_exact_mut(stride + 2) {
-                open_ring(plane, width);
+            if closed {
+                self.columns.chunks_exact_mut(stride + 2).for_each(|plane| open_ring(plane, width));
             }
         }
     }
 }
 
-/// Copies the last `reach` columns before the first one and the first ones behind the last one, on a ring. `row` has a word
-/// before and one after its columns.
-fn close_ring(row: &mut [u64], width: usize, wraps: bool, reach: usize) {
-    if !wraps {
-        return;
-    }
+/// Whether anything is counted in the first or the last `reach` columns, in planes of a word before the columns and one after them.
+fn reaches_over_seam(planes: &[u64], width: usize, reach: usize) -> bool {
+    let words = width.div_ceil(WORD);
+    let any = |w: usize| planes.iter().skip(1 + w).step_by(words + 2).fold(0, |any, word| any | word);
+    let ends = (any(0) & bits_between(0, 0, reach)) | (any(words - 1) & bits_between(words - 1, width - reach, width));
+    // The last columns may begin in the word before.
+    ends != 0 || words > 1 && any(words - 2) & bits_between(words - 2, width - reach, width) != 0
+}
+
+/// Copies the last `reach` columns before the first one and the first ones behind the last one. `row` has a word before and one after
+/// its columns.
+fn close_ring(row: &mut [u64], width: usize, reach: usize) {
     let bit = |row: &[u64], x: usize| row[1 + x / WORD] >> (x % WORD) & 1;
     for k in 0..reach {
         row[0] |= bit(row, width - reach + k) << (WORD - reach + k);

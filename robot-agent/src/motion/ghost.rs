@@ -26,24 +26,31 @@ const REACH: usize = 2;
 pub(crate) fn outline_steps(region: &Region, picture: &[u8], background: &[u16], raster: &Raster) -> OutlineSteps {
     let w = raster.width;
     let mut votes = OutlineSteps::default();
-    let mut add = |row: usize, outside: isize, inside: isize| {
-        if let (Some(o), Some(i)) = (raster.column_at(outside), raster.column_at(inside)) {
-            let (o, i) = (row * w + o, row * w + i);
-            let in_picture = u16::from(picture[o].abs_diff(picture[i]));
-            let in_background = background[o].abs_diff(background[i]) >> 8;
-            votes.picture += u32::from(in_picture > in_background + CLEARLY);
-            votes.background += u32::from(in_background > in_picture + CLEARLY);
-        }
+    let mut compare = |o: usize, i: usize| {
+        let in_picture = u16::from(picture[o].abs_diff(picture[i]));
+        let in_background = background[o].abs_diff(background[i]) >> 8;
+        votes.picture += u32::from(in_picture > in_background + CLEARLY);
+        votes.background += u32::from(in_background > in_picture + CLEARLY);
     };
     let reach = REACH as isize;
     for (row, start, len) in region.spans() {
         if len < 2 * REACH {
             continue;
         }
-        let (first, last) = (start as isize, (start + len - 1) as isize);
         // Two columns wide: the outline of a blurred picture is a ramp.
-        add(row, first - reach, first + reach - 1);
-        add(row, last + reach, last - reach + 1);
+        let (left, right) = (row * w + start, row * w + start + len - 1);
+        if start >= REACH && start + len + REACH <= w {
+            compare(left - REACH, left + REACH - 1);
+            compare(right + REACH, right + 1 - REACH);
+            continue;
+        }
+        // At the picture's ends.
+        let (first, last) = (start as isize, (start + len - 1) as isize);
+        for (outside, inside) in [(first - reach, first + reach - 1), (last + reach, last - reach + 1)] {
+            if let (Some(o), Some(i)) = (raster.column_at(outside), raster.column_at(inside)) {
+                compare(row * w + o, row * w + i);
+            }
+        }
     }
     votes
 }

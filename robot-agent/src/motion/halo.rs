@@ -52,7 +52,7 @@ impl Halo {
     /// Takes note of what a band's columns came to.
     pub(super) fn note(&mut self, band: usize) {
         let columns = self.cells[0];
-        kernel::largest_of_eights(&mut self.row[..columns * CELL], &mut self.maxima[band * columns..][..columns]);
+        kernel::largest_of_eights(&self.row[..columns * CELL], &mut self.maxima[band * columns..][..columns]);
     }
 
     /// Takes away marks whose `magnitude` (grey levels) is below `share_q8` / 256 of the strongest nearby, after all bands were
@@ -78,12 +78,11 @@ impl Halo {
                 for (cell, threshold) in cells.clone().zip(&self.thresholds[cells]) {
                     self.row[cell * CELL..][..CELL].fill(*threshold);
                 }
-                for y in band * CELL..((band + 1) * CELL).min(height) {
-                    let pixels = y * width + columns.start..y * width + columns.end;
-                    let stride = marks.stride();
-                    marks.words_mut()[y * stride + word] &=
-                        kernel::at_least(&magnitude[pixels], &self.row[columns.clone()]);
-                }
+                let (first, stride) = (band * CELL, marks.stride());
+                let lines = CELL.min(height - first);
+                let values = &magnitude[first * width + columns.start..];
+                let words = &mut marks.words_mut()[first * stride + word..];
+                kernel::keep_at_least(values, width, lines, &self.row[columns], words, stride);
             }
         }
     }

@@ -16,7 +16,8 @@ const LEAST_FILLED: f64 = 0.5;
 /// Fills holes, with its working memory. Columns are counted from the first one of a region's arc, and are bits.
 #[derive(Debug, Default)]
 pub(super) struct Holes {
-    /// For each row of a region, and below its last one: columns in which something of it is there or lower.
+    /// For each row of a region from the first one of several pieces on, and below its last one: columns in which something of it is
+    /// there or lower.
     below: Vec<u64>,
     /// Columns in which something of it is higher than a row.
     above: Vec<u64>,
@@ -27,59 +28,68 @@ pub(super) struct Holes {
 impl Holes {
     /// The region with its holes filled; `None` if even so it does not fill enough of what it spans.
     pub(super) fn fill(&mut self, region: Region, raster: &Raster) -> Option<Region> {
-        if !region.runs.windows(2).any(|pair| pair[0].row == pair[1].row) {
-            return Some(region);
-        }
-        let (top, arc, words) = (region.rows[0] as u32, region.arc, region.arc.width.div_ceil(WORD));
+        let is_divided = |pair: &[Run]| pair[0].row == pair[1].row;
+        let Some(first) = region.runs.windows(2).position(is_divided) else { return Some(region) };
+        // Nothing is filled above the first row of several pieces, and below the last one.
+        let end = region.runs.windows(2).rposition(is_divided).map_or(first, |last| last + 2);
+        let (top, arc, words) = (region.runs[first].row, region.arc, region.arc.width.div_ceil(WORD));
         let columns_of = |run: &Run| {
             let offset = run.offset(arc.start, raster.width);
             offset.min(arc.width)..(offset + run.len as usize).min(arc.width)
         };
-        self.note_below(&region, words, columns_of);
+        self.note_below(&region.runs[first..], words, columns_of);
         self.above.clear();
         self.above.resize(words, 0);
         let mut runs = Vec::with_capacity(region.runs.len());
+        runs.extend_from_slice(&region.runs[..first]);
+        region.runs[..first].iter().for_each(|run| mark(&mut self.above, columns_of(run)));
         let mut gaps = 0;
-        for row_runs in region.runs.chunk_by(|a, b| a.row == b.row) {
+        for row_runs in region.runs[first..end].chunk_by(|a, b| a.row == b.row) {
             let row = row_runs[0].row;
+            if let [run] = row_runs {
+                runs.push(*run);
+                mark(&mut self.above, columns_of(run));
+                continue;
+            }
             let first = runs.len();
             runs.extend_from_slice(row_runs);
-            if row_runs.len() > 1 {
-                let below = &self.below[((row - top) as usize + 1) * words..][..words];
-                self.pieces.clear();
-                self.pieces.extend(row_runs.iter().map(columns_of));
-                self.pieces.sort_unstable_by_key(|piece| piece.start);
-                let between = self.pieces.windows(2).map(|pair| pair[0].end..pair[1].start);
-                for gap in between.filter(|gap| !gap.is_empty()) {
-                    let open = |w: usize| bits_between(w, gap.start, gap.end) & !(self.above[w] & below[w]) != 0;
-                    if (gap.start / WORD..gap.end.div_ceil(WORD)).any(open) {
-                        gaps += gap.len();
-                        continue;
-                    }
-                    let start = raster.column(arc.start, gap.start);
-                    let run = |start: usize, len: usize| Run { row, start: start as u32, len: len as u32 };
-                    let length = gap.len().min(raster.width - start);
-                    runs.push(run(start, length));
-                    if length < gap.len() {
-                        runs.push(run(0, gap.len() - length));
-                    }
+            let below = &self.below[((row - top) as usize + 1) * words..][..words];
+            self.pieces.clear();
+            self.pieces.extend(row_runs.iter().map(columns_of));
+            self.pieces.sort_unstable_by_key(|piece| piece.start);
+            let between = self.pieces.windows(2).map(|pair| pair[0].end..pair[1].start);
+            for gap in between.filter(|gap| !gap.is_empty()) {
+                let open = |w: usize| bits_between(w, gap.start, gap.end) & !(self.above[w] & below[w]) != 0;
+                if (gap.start / WORD..gap.end.div_ceil(WORD)).any(open) {
+                    gaps += gap.len();
+                    continue;
                 }
-                join_neighbours(&mut runs, first);
+                let start = raster.column(arc.start, gap.start);
+                let run = |start: usize, len: usize| Run { row, start: start as u32, len: len as u32 };
+                let length = gap.len().min(raster.width - start);
+                runs.push(run(start, length));
+                if length < gap.len() {
+                    runs.push(run(0, gap.len() - length));
+                }
             }
+            join_neighbours(&mut runs, first);
             for run in row_runs {
                 mark(&mut self.above, columns_of(run));
             }
         }
+        runs.extend_from_slice(&region.runs[end..]);
         let region = region.with_runs(runs, raster);
         (region.area as f64 >= LEAST_FILLED * (region.area + gaps) as f64).then_some(region)
     }
 
-    fn note_below(&mut self, region: &Region, words: usize, columns_of: impl Fn(&Run) -> Range<usize>) {
-        let rows = region.height();
+    /// Of the rows of some runs from the first one's on.
+    fn note_below(&mut self, runs: &[Run], words: usize, columns_of: impl Fn(&Run) -> Range<usize>) {
+        let (Some(first), Some(last)) = (runs.first(), runs.last()) else { return };
+        let rows = (last.row - first.row) as usize + 1;
         self.below.clear();
         self.below.resize((rows + 1) * words, 0);
-        for run in &region.runs {
-            let row = run.row as usize - region.rows[0];
+        for run in runs {
+            let row = (run.row - first.row) as usize;
             mark(&mut self.below[row * words..][..words], columns_of(run));
         }
         for i in (0..rows * words).rev() {
@@ -90,6 +100,11 @@ impl Holes {
 
 /// Marks some columns.
 fn mark(row: &mut [u64], columns: Range<usize>) {
+    if let [word] = row {
+        // As most bodies are.
+        *word |= bits_between(0, columns.start, columns.end);
+        return;
+    }
     for (w, word) in row.iter_mut().enumerate().take(columns.end.div_ceil(WORD)).skip(columns.start / WORD) {
         *word |= bits_between(w, columns.start, columns.end);
     }

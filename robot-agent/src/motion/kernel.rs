@@ -8,6 +8,8 @@ use std::sync::OnceLock;
 
 #[cfg(target_arch = "x86_64")]
 mod avx2;
+#[cfg(target_arch = "x86_64")]
+mod avx512;
 mod learn;
 mod mark;
 mod median;
@@ -17,7 +19,7 @@ mod runs;
 mod squares;
 
 pub use learn::{Counting, KEEP, LEARN, LEARN_SLOWLY, Looks, count_looks, learn};
-pub use mark::{Compared, INDOOR_NOISE_MAX, Layers, NOISE_MAX, known_look, mark_changes};
+pub use mark::{Compared, INDOOR_NOISE_MAX, Layers, Marked, NOISE_MAX, known_look, mark_changes};
 pub use median::median;
 pub use planes::{COLUMN_PLANES, PLANES, majority_of_counts, slide_counts};
 pub use products::products_by_fours;
@@ -195,38 +197,73 @@ pub fn thresholds(values: &[u8], wraps: bool, share_q8: u8, out: &mut [u8]) {
 }
 
 wide! {
-/// The largest of each eight values, of a length that eight divides. `values` are lost.
-pub fn largest_of_eights(values: &mut [u8], out: &mut [u8]) {
-    // Each value becomes the largest of itself and the next 1, then 3, then 7.
-    for step in [1, 2, 4] {
-        let n = values.len().saturating_sub(step);
-        for i in 0..n {
-            values[i] = values[i].max(values[i + step]);
+/// The largest of each eight values, of a length that eight divides.
+pub fn largest_of_eights(values: &[u8], out: &mut [u8]) {
+    let (blocks, rest) = values.as_chunks::<64>();
+    let (whole, last) = out.split_at_mut((8 * blocks.len()).min(out.len()));
+    for (block, out) in blocks.iter().zip(whole.as_chunks_mut::<8>().0) {
+        // Most of a picture is not worked.
+        if block.iter().fold(0, |any, value| any | value) == 0 {
+            *out = [0; 8];
+            continue;
         }
+        // Each value becomes the largest of itself and the next 1, then 3, then 7 of its eight.
+        let mut eights: [u64; 8] = std::array::from_fn(|k| u64::from_le_bytes(std::array::from_fn(|i| block[8 * k + i])));
+        for shift in [8, 16, 32] {
+            for eight in &mut eights {
+                let (a, b) = (eight.to_le_bytes(), (*eight >> shift).to_le_bytes());
+                *eight = u64::from_le_bytes(std::array::from_fn(|i| a[i].max(b[i])));
+            }
+        }
+        *out = eights.map(|eight| eight as u8);
     }
-    for (o, v) in out.iter_mut().zip(values.as_chunks::<8>().0) {
-        *o = v[0];
+    for (o, v) in last.iter_mut().zip(rest.as_chunks::<8>().0) {
+        *o = v.iter().fold(0, |most, v| most.max(*v));
     }
 }
 }
 
 wide! {
-/// The first 64 pixels (fewer at the end) of which `values` is at least `least`.
-pub fn at_least(values: &[u8], least: &[u8]) -> u64 {
-    match (values.first_chunk(), least.first_chunk()) {
-        (Some(values), Some(least)) => block_at_least(values, least),
-        _ => block_at_least(&padded(values), &padded(least)),
+/// Takes away marks of rows of at most 64 pixels, `width` pixels and `stride` words apart, where `values` is below the column's
+/// `least`: as many columns as there are of these, `rows` rows.
+pub fn keep_at_least(values: &[u8], width: usize, rows: usize, least: &[u8], words: &mut [u64], stride: usize) {
+    let level = available();
+    let whole = least.first_chunk();
+    let padded_least = padded(least);
+    for (values, word) in values.chunks(width).zip(words.iter_mut().step_by(stride)).take(rows) {
+        if *word != 0 {
+            *word &= match (values.first_chunk(), whole) {
+                (Some(values), Some(least)) => block_at_least(level, values, least),
+                _ => block_at_least(level, &padded(&values[..least.len().min(values.len())]), &padded_least),
+            };
+        }
     }
 }
 }
 
 #[inline(always)]
-fn block_at_least(values: &[u8; 64], least: &[u8; 64]) -> u64 {
+fn block_at_least(level: Level, values: &[u8; 64], least: &[u8; 64]) -> u64 {
+    #[cfg(target_arch = "x86_64")]
+    if level == Level::Avx512 {
+        // SAFETY: the processor has these instructions.
+        return unsafe { block_at_least_avx512(values, least) };
+    }
+    #[cfg(not(target_arch = "x86_64"))]
+    let _ = level;
     let mut large = [0u8; 64];
     for i in 0..64 {
         large[i] = if values[i] >= least[i] { u8::MAX } else { 0 };
     }
     bits_of(&large)
+}
+
+/// The same; a comparison's bits are its result here.
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx512f,avx512bw")]
+#[inline]
+fn block_at_least_avx512(values: &[u8; 64], least: &[u8; 64]) -> u64 {
+    use std::arch::x86_64::_mm512_cmpge_epu8_mask;
+    _mm512_cmpge_epu8_mask(avx512::load_block(values), avx512::load_block(least))
 }
 
 /// Columns of a step in [`compare_steps`].
@@ -260,7 +297,8 @@ pub fn ratio_bins(picture: &[u8], background: &[u16], valid: &[u8], least: u16, 
     for i in 0..n {
         let ratio = f32::from(picture[i]) / f32::from(background[i].max(1)) * (256.0 * f32::from(bins));
         let usable = (valid[i] != 0) & (background[i] >= least) & (picture[i] < 250);
-        let bin = ratio.min(f32::from(2 * bins - 1)) as u16;
+        // SAFETY: finite, from 0 to below 2¹⁷; a cast that asks for that is not vectorised.
+        let bin = unsafe { ratio.min(f32::from(2 * bins - 1)).to_int_unchecked::<i32>() } as u16;
         out[i] = if usable { bin } else { u16::MAX };
     }
 }

@@ -1,6 +1,6 @@
 //! Marks where a picture is worked, none where it rests.
 
-use super::{Background, CELL_ROWS, FETCH_ROWS, MotionStage, halo, kernel, work};
+use super::{Background, CELL_ROWS, MotionStage, halo, kernel};
 
 impl MotionStage {
     /// Marks a band of rows where it is worked; how many pixels differ strongly, or 0 where that is not `counted`.
@@ -10,21 +10,28 @@ impl MotionStage {
         let rows = band * halo::CELL..((band + 1) * halo::CELL).min(self.raster.height);
         let mut differing = 0;
         for run in self.work.worked(rows.start / CELL_ROWS) {
+            let (first, first_word) = (rows.start * width + run.columns.start, rows.start * stride + run.words.start);
+            let piece = kernel::Compared {
+                picture: &self.picture[first..],
+                exposure_q15,
+                background: &level[first..],
+                noise: &noise[first..],
+                floors,
+                size: [run.columns.len(), rows.len()],
+                width,
+            };
+            let mut marked = kernel::Marked {
+                magnitude: &mut self.magnitude[first..],
+                most: &mut self.halo.most()[run.columns.clone()],
+                faint: &mut self.faint.words_mut()[first_word..],
+                strong: &mut self.strong.words_mut()[first_word..],
+                stride,
+            };
+            kernel::mark_changes(piece, &mut marked);
             for y in rows.clone() {
-                self.fetch_row(y + FETCH_ROWS, &run);
-                let pixels = run.pixels(y, width);
-                let words = run.marks(y, stride);
-                let row = kernel::Compared {
-                    picture: &self.picture[pixels.clone()],
-                    exposure_q15,
-                    background: &level[pixels.clone()],
-                    noise: &noise[pixels.clone()],
-                    floors,
-                };
+                let (pixels, words) = (run.pixels(y, width), run.marks(y, stride));
                 let faint = &mut self.faint.words_mut()[words.clone()];
                 let strong = &mut self.strong.words_mut()[words];
-                let most = &mut self.halo.most()[run.columns.clone()];
-                kernel::mark_changes(row, &mut self.magnitude[pixels.clone()], most, faint, strong);
                 if self.partly_valid[band] {
                     let valid = &self.valid_marks.row(y)[run.words.clone()];
                     for ((f, s), v) in faint.iter_mut().zip(strong.iter_mut()).zip(valid) {
@@ -38,15 +45,6 @@ impl MotionStage {
             }
         }
         differing
-    }
-
-    /// Fetches some pixels of a row into the cache.
-    fn fetch_row(&self, y: usize, run: &work::Run) {
-        let pixels = run.pixels(y, self.raster.width);
-        self.background.fetch(y, run);
-        for pixels in [self.picture.get(pixels.clone()), self.magnitude.get(pixels)].into_iter().flatten() {
-            kernel::fetch(pixels);
-        }
     }
 
     /// Where the frame before was worked and this one is not nothing is marked.

@@ -261,25 +261,38 @@ fn find_runs(words: &[u64], raster: &Raster, runs: &mut Runs) {
         if row.iter().fold(0, |any, word| any | word) == 0 {
             continue;
         }
-        // First column of a run that has not ended yet.
-        let mut open: Option<usize> = None;
         let mut add = |start: usize, end: usize| {
             if all.len() < MAX_RUNS {
                 all.push(Run { row: y as u32, start: start as u32, len: (end - start) as u32 });
             }
         };
-        let mut before = 0;
-        for (w, &bits) in row.iter().enumerate() {
-            // Where a run begins or has ended.
-            let mut edges = bits ^ (bits << 1 | before);
-            before = bits >> (WORD - 1);
-            while edges != 0 {
-                let x = w * WORD + edges.trailing_zeros() as usize;
-                edges &= edges - 1;
-                match open.take() {
-                    Some(start) => add(start, x),
-                    None => open = Some(x),
+        // First column of a run that has not ended yet.
+        let mut open: Option<usize> = None;
+        for (w, &word) in row.iter().enumerate() {
+            if word == 0 && open.is_none() {
+                continue;
+            }
+            let mut bits = word;
+            if let Some(start) = open {
+                let more = bits.trailing_ones() as usize;
+                if more == WORD {
+                    continue;
                 }
+                add(start, w * WORD + more);
+                open = None;
+                bits = bits >> more << more;
+            }
+            while bits != 0 {
+                let first = bits.trailing_zeros() as usize;
+                // Added its lowest bit a run becomes the bit after it.
+                let after = bits.wrapping_add(1 << first);
+                let start = w * WORD + first;
+                if after == 0 {
+                    open = Some(start);
+                    break;
+                }
+                add(start, w * WORD + after.trailing_zeros() as usize);
+                bits &= after;
             }
         }
         if let Some(start) = open {
@@ -310,7 +323,12 @@ fn join_touching(runs: &Runs, raster: &Raster, parent: &mut [u32]) {
             let (run, other) = (&all[i], &all[j]);
             let (end, other_end) = (run.start + run.len, other.start + other.len);
             if other.start <= end && run.start <= other_end {
-                join(parent, i as u32, j as u32);
+                if parent[i] == i as u32 {
+                    // Nothing is joined to it yet; all above come before it.
+                    parent[i] = find(parent, j as u32);
+                } else {
+                    join(parent, i as u32, j as u32);
+                }
             }
             if end < other_end {
                 i += 1;

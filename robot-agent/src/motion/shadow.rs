@@ -88,15 +88,9 @@ impl Shadow {
                     *w = band[k * stride + word];
                 }
                 let words = &words[..lines.len()];
-                let last = (lines.end - 1) * width + (word + 1) * WORD;
-                let pixels = lines.start * width + word * WORD..last.min(lines.end * width);
-                let products = kernel::products_by_fours(
-                    words,
-                    &picture[pixels.clone()],
-                    &background[pixels.clone()],
-                    &noise[pixels],
-                    width,
-                );
+                let first = lines.start * width + word * WORD;
+                let levels = (&background[first..], &noise[first..]);
+                let products = kernel::products_by_fours(words, &picture[first..], levels.0, levels.1, width);
                 let kinds = judge(&products, &counts, gain as f32);
                 let first = word * BLOCKS;
                 let blocks = by * columns + first..by * columns + columns.min(first + BLOCKS);
@@ -157,6 +151,10 @@ fn count_fours(rows: &[u64], counts: &mut [[u8; BLOCKS]]) {
     let stride = counts.len();
     let (upper, lower) = rows.split_at((3 * stride).min(rows.len()));
     for (word, counts) in counts.iter_mut().enumerate() {
+        if rows.iter().skip(word).step_by(stride).fold(0, |any, word| any | word) == 0 {
+            *counts = [0; BLOCKS];
+            continue;
+        }
         // The counts of three rows fit four bits.
         let (upper, lower) = (nibbles(upper, word, stride), nibbles(lower, word, stride));
         let even = (upper & EVEN) + (lower & EVEN);

@@ -195,6 +195,11 @@ impl Work {
         self.whole || self.all_drawn
     }
 
+    /// Whether a cell is worked in the next frame, too, whatever is found in it now.
+    pub(crate) fn stays_worked(&self, column: usize, band: usize) -> bool {
+        self.warm[band * self.columns + column] >= WARM_FRAMES
+    }
+
     /// How many pixels are worked at most.
     pub(super) fn worked_pixels(&self) -> usize {
         self.cells.iter().filter(|cell| **cell != Cell::Rests).count() * COLUMNS * ROWS

@@ -45,11 +45,20 @@ pub struct Watch {
     expected: Vec<u16>,
     most_expected: u16,
     sums: Vec<u16>,
-    /// Cells that are looked at in a frame.
-    looked: Vec<usize>,
+    /// Cells that are looked at in a frame, and all of their blocks.
+    looked: Vec<Place>,
+    looked_blocks: Vec<u32>,
     source_len: usize,
     /// Frames since the reference was begun.
     frames: u32,
+}
+
+/// A cell: its place among all of them, and in the panorama.
+#[derive(Debug, Clone, Copy)]
+struct Place {
+    cell: usize,
+    column: usize,
+    band: usize,
 }
 
 impl Watch {
@@ -78,6 +87,7 @@ impl Watch {
             most_expected: 0,
             sums: vec![0; n],
             looked: Vec::with_capacity(size[0] * size[1]),
+            looked_blocks: Vec::with_capacity(n),
             source_len: source[0] * source[1],
             frames: 0,
         }
@@ -90,7 +100,8 @@ impl Watch {
             + size_of_val(&*self.reference)
             + size_of_val(&*self.expected)
             + size_of_val(&*self.sums)
-            + self.looked.capacity() * size_of::<usize>()
+            + self.looked.capacity() * size_of::<Place>()
+            + self.looked_blocks.capacity() * size_of::<u32>()
     }
 
     /// Unwarps a picture as far as the drawing's [`Work`] says and wherever it shows something else than it did, and tells it where
@@ -124,9 +135,12 @@ impl Watch {
         let canvas = drawing.canvas();
         let work = canvas.work;
         lut.unwarp_cells(source, canvas)?;
-        for (i, blocks) in self.cells.iter().enumerate() {
-            if work.is_worked(i / bands, i % bands) {
-                kernel::copy(source, &self.places[blocks.clone()], &mut self.reference[blocks.clone()]);
+        // A cell that will be drawn again before anybody looks at it needs no reference, but to learn from.
+        let learns = self.frames < LEARNING_FRAMES;
+        for Place { cell, column, band } in places(self.columns, bands) {
+            if work.is_worked(column, band) && (learns || !work.stays_worked(column, band)) {
+                let blocks = self.cells[cell].clone();
+                kernel::copy(source, &self.places[blocks.clone()], &mut self.reference[blocks]);
             }
         }
         Ok(())
@@ -134,38 +148,38 @@ impl Watch {
 
     /// Tells `work` of the cells that have changed, of those that are to be looked at; of all where many of those have.
     fn look(&mut self, source: &[u8], work: &mut Work) {
-        let bands = self.cells.len() / self.columns;
-        let mut looked = std::mem::take(&mut self.looked);
-        looked.clear();
-        looked.extend(self.seen_cells().filter(|i| work.is_looked_at(i / bands, i % bands)));
-        let changed = self.look_at(source, &looked, work);
-        if changed as f64 > MANY * looked.len() as f64 {
-            looked.clear();
-            looked.extend(self.seen_cells().filter(|i| work.is_passed_over(i / bands, i % bands)));
-            self.look_at(source, &looked, work);
+        self.choose(|at| work.is_looked_at(at.column, at.band));
+        let changed = self.look_at(source, work);
+        if changed as f64 > MANY * self.looked.len() as f64 {
+            self.choose(|at| work.is_passed_over(at.column, at.band));
+            self.look_at(source, work);
         }
-        self.looked = looked;
     }
 
-    /// Cells of which the camera sees something.
-    fn seen_cells(&self) -> impl Iterator<Item = usize> {
-        self.cells.iter().enumerate().filter(|(_, blocks)| !blocks.is_empty()).map(|(i, _)| i)
+    /// Chooses the cells to be looked at, of those of which the camera sees something.
+    fn choose(&mut self, wanted: impl Fn(Place) -> bool) {
+        let Self { cells, columns, looked, looked_blocks, .. } = self;
+        looked.clear();
+        looked_blocks.clear();
+        for at in places(*columns, cells.len() / (*columns).max(1)).filter(|at| wanted(*at)) {
+            let blocks = cells[at.cell].clone();
+            if !blocks.is_empty() {
+                looked.push(at);
+                looked_blocks.extend(blocks.map(|block| block as u32));
+            }
+        }
     }
 
-    /// Looks at some cells; how many have changed.
-    fn look_at(&mut self, source: &[u8], cells: &[usize], work: &mut Work) -> usize {
-        let bands = self.cells.len() / self.columns;
+    /// Looks at the cells that were chosen; how many have changed.
+    fn look_at(&mut self, source: &[u8], work: &mut Work) -> usize {
+        kernel::differences(source, &self.places, &self.reference, &self.looked_blocks, &mut self.sums);
         let mut all_changed = 0;
-        for (k, &i) in cells.iter().enumerate() {
-            let blocks = self.cells[i].clone();
-            let next = cells.get(k + 1).map_or(0..0, |next| self.cells[*next].clone());
-            let sums = &mut self.sums[blocks.clone()];
-            let places = &self.places[blocks.clone()];
-            kernel::differences(source, places, &self.reference[blocks.clone()], &self.places[next], sums);
-            let expected = &mut self.expected[blocks];
+        for at in &self.looked {
+            let blocks = self.cells[at.cell].clone();
+            let (sums, expected) = (&self.sums[blocks.clone()], &mut self.expected[blocks]);
             let changed = sums.iter().zip(&*expected).any(|(sum, expected)| has_changed(*sum, *expected));
             if changed {
-                work.draw(i / bands, i % bands);
+                work.draw(at.column, at.band);
                 all_changed += 1;
             }
             let (most, pace) = (self.most_expected, if changed { SLOWLY } else { FOLLOW });
@@ -178,7 +192,8 @@ impl Watch {
     /// there, not far more than the middle one's.
     fn learn(&mut self, source: &[u8]) {
         if (1..LEARNING_FRAMES).contains(&self.frames) {
-            kernel::differences(source, &self.places, &self.reference, &[], &mut self.sums);
+            self.choose(|_| true);
+            kernel::differences(source, &self.places, &self.reference, &self.looked_blocks, &mut self.sums);
             let mut sorted = self.sums.clone();
             let middle = sorted.len() / 2;
             if middle < sorted.len() {
@@ -195,6 +210,11 @@ impl Watch {
         }
         self.frames = self.frames.saturating_add(1);
     }
+}
+
+/// All cells, column by column.
+fn places(columns: usize, bands: usize) -> impl Iterator<Item = Place> {
+    (0..columns).flat_map(move |column| (0..bands).map(move |band| Place { cell: column * bands + band, column, band }))
 }
 
 fn has_changed(sum: u16, expected: u16) -> bool {

@@ -39,6 +39,10 @@ const GRAY_SCALE: f32 = 40.0;
 /// Cells that one column of misplacement is worth: brings the misfit to the scale of the prior.
 const CELLS_PER_UNIT: f32 = 4.0;
 
+/// More than rounding makes of a sum, and columns after which it is asked whether it is enough.
+const CLEARLY_MORE: f32 = 1.001;
+const STEP: i32 = 8;
+
 /// Places the bodies in the region's strip.
 pub(super) fn place(region: &Strip, bodies: &[Sought<'_>], raster: &Raster) -> Vec<Placed> {
     let n = bodies.len();
@@ -64,10 +68,21 @@ pub(super) fn place(region: &Strip, bodies: &[Sought<'_>], raster: &Raster) -> V
                 let mut best = (f32::INFINITY, starts[k]);
                 let centre = predicted[k].round() as i32;
                 let mut trial = starts.clone();
-                for candidate in centre - reach..=centre + reach {
-                    trial[k] = candidate;
+                let pull_at = |candidate: i32| {
                     let pull = (f64::from(candidate) - predicted[k]) / bodies[k].sigma;
-                    let total = misfit(region, bodies, &trial) / CELLS_PER_UNIT + 0.5 * (pull * pull) as f32;
+                    0.5 * (pull * pull) as f32
+                };
+                let candidates = centre - reach..=centre + reach;
+                // Where it was is near the best: what is clearly worse need not be known.
+                let mut limit = f32::INFINITY;
+                if candidates.contains(&starts[k]) {
+                    limit = misfit(region, bodies, &trial, f32::INFINITY) / CELLS_PER_UNIT + pull_at(starts[k]);
+                }
+                for candidate in candidates {
+                    trial[k] = candidate;
+                    let pull = pull_at(candidate);
+                    let most = (limit.min(best.0) * CLEARLY_MORE - pull) * CELLS_PER_UNIT;
+                    let total = misfit(region, bodies, &trial, most) / CELLS_PER_UNIT + pull;
                     if total < best.0 {
                         best = (total, candidate);
                     }
@@ -96,8 +111,9 @@ fn clamp_inside(start: i32, len: i32, width: i32) -> i32 {
 }
 
 wide! {
-/// Cells that are filled in only one of region and union, and filled cells that look like none of those that cover them.
-fn misfit(region: &Strip, bodies: &[Sought<'_>], starts: &[i32]) -> f32 {
+/// Cells that are filled in only one of region and union, and filled cells that look like none of those that cover them;
+/// some of them where there are more than `most`.
+fn misfit(region: &Strip, bodies: &[Sought<'_>], starts: &[i32], most: f32) -> f32 {
     let width = region.filled.len() as i32;
     let (mut first, mut last) = (0, width);
     for (s, b) in starts.iter().zip(bodies) {
@@ -105,7 +121,10 @@ fn misfit(region: &Strip, bodies: &[Sought<'_>], starts: &[i32]) -> f32 {
     }
     let mut sums = [0f32; BANDS];
     for x in first..last {
-        let (mut most, mut unlike) = ([0f32; BANDS], [f32::INFINITY; BANDS]);
+        if (x - first) % STEP == 0 && total(&sums) > most {
+            break;
+        }
+        let (mut filling, mut unlike) = ([0f32; BANDS], [f32::INFINITY; BANDS]);
         let found = usize::try_from(x).ok().filter(|i| *i < region.filled.len());
         let (filled, gray) = match found {
             Some(i) => (&region.filled[i], &region.gray[i]),
@@ -115,7 +134,7 @@ fn misfit(region: &Strip, bodies: &[Sought<'_>], starts: &[i32]) -> f32 {
             let Ok(i) = usize::try_from(x - s) else { continue };
             let (Some(f), Some(g)) = (b.template.filled.get(i), b.template.gray.get(i)) else { continue };
             for band in 0..BANDS {
-                most[band] = most[band].max(f[band]);
+                filling[band] = filling[band].max(f[band]);
                 let difference = if f[band] > 0.2 { (gray[band] - g[band]).abs() } else { f32::INFINITY };
                 unlike[band] = unlike[band].min(difference);
             }
@@ -123,22 +142,28 @@ fn misfit(region: &Strip, bodies: &[Sought<'_>], starts: &[i32]) -> f32 {
         for band in 0..BANDS {
             let covered = (filled[band] > 0.2) & unlike[band].is_finite();
             let strange = filled[band] * (unlike[band] / GRAY_SCALE).min(1.0);
-            sums[band] += (filled[band] - most[band]).abs() + if covered { strange } else { 0.0 };
+            sums[band] += (filled[band] - filling[band]).abs() + if covered { strange } else { 0.0 };
         }
     }
-    let mut sum = 0.0;
-    for band in sums {
-        sum += band;
-    }
-    sum
+    total(&sums)
 }
+}
+
+#[inline(always)]
+fn total(sums: &[f32; BANDS]) -> f32 {
+    let mut total = 0.0;
+    for sum in sums {
+        total += sum;
+    }
+    total
 }
 
 fn support(k: usize, region: &Strip, bodies: &[Sought<'_>], starts: &[i32]) -> f64 {
     let others: Vec<usize> = (0..bodies.len()).filter(|&j| j != k).collect();
     let without: Vec<Sought<'_>> = others.iter().map(|&j| bodies[j].clone()).collect();
     let their_starts: Vec<i32> = others.iter().map(|&j| starts[j]).collect();
-    let worse = misfit(region, &without, &their_starts) - misfit(region, bodies, starts);
+    let whole = f32::INFINITY;
+    let worse = misfit(region, &without, &their_starts, whole) - misfit(region, bodies, starts, whole);
     let fills: f32 = bodies[k].template.filled.iter().flatten().sum();
     f64::from(worse / fills.max(1.0))
 }

@@ -182,20 +182,18 @@ pub fn count_looks(
         let (level, seen) = (&mut looks.level[pixels.clone()], &mut looks.seen[pixels.clone()]);
         // Nearly everywhere the background is seen: counted, and the block is done.
         let whole = (current.first_chunk(), how.first_chunk(), noise.first_chunk(), level.first_chunk());
-        let other = match (whole, seen.first_chunk_mut()) {
+        let others = match (whole, seen.first_chunk_mut()) {
             ((Some(current), Some(how), Some(noise), Some(level)), Some(seen)) => {
                 count_background(current, exposure_q15, how, noise, level, counting, seen)
             }
             _ => {
                 let (how, noise, level, mut counts) = (padded(how), padded(noise), padded(level), padded(seen));
                 let current = padded(current);
-                let mut other = count_background(&current, exposure_q15, &how, &noise, &level, counting, &mut counts);
+                let others = count_background(&current, exposure_q15, &how, &noise, &level, counting, &mut counts);
                 seen.copy_from_slice(&counts[..seen.len()]);
-                other[seen.len()..].fill(0);
-                other
+                others & ((1 << seen.len()) - 1)
             }
         };
-        let others = bits_of(&other);
         if others.count_ones() <= FEW {
             exchanged |= count_few(current, exposure_q15, noise, others, counting, looks, b);
             continue;
@@ -212,6 +210,7 @@ pub fn count_looks(
             seen: padded(seen),
             seen_second: padded(seen_second),
         };
+        let other = std::array::from_fn(|i| if others >> i & 1 != 0 { u8::MAX } else { 0 });
         let (renewed, replaced) = count_others(&now, &padded(noise), &other, counting, &mut block);
         looks.known[b] = (looks.known[b] & !renewed) | replaced;
         exchanged |= replaced != 0;
@@ -272,7 +271,7 @@ fn count_few(
     exchanged
 }
 
-/// Counts where the background is seen; all ones where something else is.
+/// Counts where the background is seen; marks where something else is.
 #[inline(always)]
 fn count_background(
     current: &[u8; BLOCK],
@@ -282,11 +281,17 @@ fn count_background(
     level: &[u16; BLOCK],
     counting: Counting,
     seen: &mut [u8; BLOCK],
-) -> [u8; BLOCK] {
+) -> u64 {
     #[cfg(target_arch = "x86_64")]
-    if available() == Level::Avx2 {
-        // SAFETY: the processor has these instructions.
-        return unsafe { count_background_avx2(current, exposure_q15, how, noise, level, counting, seen) };
+    // SAFETY: the processor has these instructions.
+    match available() {
+        Level::Avx512 => {
+            return unsafe { count_background_avx512(current, exposure_q15, how, noise, level, counting, seen) };
+        }
+        Level::Avx2 => {
+            return unsafe { count_background_avx2(current, exposure_q15, how, noise, level, counting, seen) };
+        }
+        Level::Portable => {}
     }
     let counted = if counting.also_kept { u8::MAX } else { KEEP };
     let mut near = [0u8; BLOCK];
@@ -300,7 +305,43 @@ fn count_background(
         seen[i] = seen[i].saturating_add(near[i] & wanted & counting.weight).min(counting.most);
         other[i] = !near[i] & wanted;
     }
-    other
+    bits_of(&other)
+}
+
+/// The same; a comparison's bits are its result here.
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx512f,avx512bw,avx512vl,avx2")]
+#[inline]
+fn count_background_avx512(
+    current: &[u8; BLOCK],
+    exposure_q15: u16,
+    how: &[u8; BLOCK],
+    noise: &[u16; BLOCK],
+    level: &[u16; BLOCK],
+    counting: Counting,
+    seen: &mut [u8; BLOCK],
+) -> u64 {
+    use std::arch::x86_64::*;
+
+    use super::avx2::load_bytes;
+    use super::avx512::{exposed, load_block, load_levels};
+    let exposure = _mm512_set1_epi16(exposure_q15 as i16);
+    let (noise, level) = (noise.as_chunks::<WIDTH>().0, level.as_chunks::<WIDTH>().0);
+    let mut far = 0;
+    for (k, current) in current.as_chunks::<WIDTH>().0.iter().enumerate() {
+        let (now, level) = (exposed(load_bytes(current), exposure), load_levels(&level[k]));
+        let tolerance = _mm512_max_epu16(_mm512_slli_epi16::<2>(load_levels(&noise[k])), _mm512_set1_epi16(1024));
+        let difference = _mm512_or_si512(_mm512_subs_epu16(now, level), _mm512_subs_epu16(level, now));
+        far |= u64::from(_mm512_cmpge_epu16_mask(difference, tolerance)) << (WIDTH * k);
+    }
+    let counted = _mm512_set1_epi8(if counting.also_kept { u8::MAX } else { KEEP } as i8);
+    let wanted = _mm512_cmplt_epu8_mask(load_block(how), counted);
+    let (weight, most) = (_mm512_set1_epi8(counting.weight as i8), _mm512_set1_epi8(counting.most as i8));
+    let before = load_block(seen);
+    let now = _mm512_mask_adds_epu8(before, wanted & !far, before, weight);
+    // SAFETY: 64 bytes are written of 64; the pointer need not be aligned.
+    unsafe { _mm512_storeu_si512(seen.as_mut_ptr().cast(), _mm512_min_epu8(now, most)) };
+    wanted & far
 }
 
 /// The same.
@@ -314,7 +355,7 @@ fn count_background_avx2(
     level: &[u16; BLOCK],
     counting: Counting,
     seen: &mut [u8; BLOCK],
-) -> [u8; BLOCK] {
+) -> u64 {
     use std::arch::x86_64::*;
 
     use super::avx2::{exposed, in_order, load_bytes, load_levels, store_bytes};
@@ -329,10 +370,9 @@ fn count_background_avx2(
     let kept = _mm256_set1_epi8(if counting.also_kept { -1 } else { KEEP as i8 });
     let (weight, most) = (_mm256_set1_epi8(counting.weight as i8), _mm256_set1_epi8(counting.most as i8));
     let (noise, level) = (noise.as_chunks::<16>().0, level.as_chunks::<16>().0);
-    let mut other = [0; BLOCK];
-    let out = seen.as_chunks_mut::<WIDTH>().0.iter_mut().zip(other.as_chunks_mut::<WIDTH>().0);
+    let mut others = 0;
     let pixels = current.as_chunks::<WIDTH>().0.iter().zip(how.as_chunks::<WIDTH>().0);
-    for (k, ((current, how), (seen, other))) in pixels.zip(out).enumerate() {
+    for (k, ((current, how), seen)) in pixels.zip(seen.as_chunks_mut::<WIDTH>().0).enumerate() {
         let [first, second] = exposed(load_bytes(current), exposure);
         let first = far(first, &noise[2 * k], &level[2 * k]);
         let second = far(second, &noise[2 * k + 1], &level[2 * k + 1]);
@@ -341,9 +381,10 @@ fn count_background_avx2(
         let not_counted = _mm256_cmpeq_epi8(load_bytes(how), kept);
         let same = _mm256_andnot_si256(_mm256_or_si256(far, not_counted), weight);
         store_bytes(seen, _mm256_min_epu8(_mm256_adds_epu8(load_bytes(seen), same), most));
-        store_bytes(other, _mm256_andnot_si256(not_counted, far));
+        let other = _mm256_movemask_epi8(_mm256_andnot_si256(not_counted, far));
+        others |= u64::from(other as u32) << (WIDTH * k);
     }
-    other
+    others
 }
 
 /// A block of pixels in registers.

@@ -1,6 +1,8 @@
 //! Counting marks 64 pixels at a time: plane p of a row holds bit p of the count of each of its pixels.
 
 use super::wide;
+#[cfg(target_arch = "x86_64")]
+use super::{Level, available};
 
 /// Planes of a count of marks in the rows of a window, a column each: at most 11.
 pub const COLUMN_PLANES: usize = 4;
@@ -29,41 +31,68 @@ pub fn slide_counts(enter: &[u64], leave: &[u64], counts: &mut [u64]) {
 
 wide! {
 /// Marks where the counts of 2·`reach` + 1 neighbouring columns together are at least `need`, for a reach of 1 to 5. `columns` as for
-/// [`slide_counts`], `need` has [`PLANES`] planes as long as `out`.
-pub fn majority_of_counts(columns: &[u64], reach: usize, need: &[u64], out: &mut [u64]) {
-    match reach {
-        1 => majority::<1>(columns, need, out),
-        2 => majority::<2>(columns, need, out),
-        3 => majority::<3>(columns, need, out),
-        4 => majority::<4>(columns, need, out),
-        _ => majority::<5>(columns, need, out),
+/// [`slide_counts`], where no column counts more than `most`; `need` has [`PLANES`] planes as long as `out`.
+pub fn majority_of_counts(columns: &[u64], most: usize, reach: usize, need: &[u64], out: &mut [u64]) {
+    // The window that is usual has loops of its own.
+    match (reach, most) {
+        #[cfg(target_arch = "x86_64")]
+        (2, ..=7) if available() == Level::Avx512 && out.len() >= WORDS => {
+            // SAFETY: the processor has these instructions.
+            unsafe { majority_of_five_avx512(columns, need, out) };
+        }
+        (2, ..=7) => majority::<2, 3>(columns, need, out),
+        (1, _) => majority::<1, 4>(columns, need, out),
+        (2, _) => majority::<2, 4>(columns, need, out),
+        (3, _) => majority::<3, 4>(columns, need, out),
+        (4, _) => majority::<4, 4>(columns, need, out),
+        _ => majority::<5, 4>(columns, need, out),
     }
 }
 }
 
+/// Words that are worked together: as many as the widest registers hold. The last ones of a row begin sooner.
+const WORDS: usize = 8;
+
+#[inline(always)]
+fn majority<const REACH: usize, const COUNTED: usize>(columns: &[u64], need: &[u64], out: &mut [u64]) {
+    let n = out.len();
+    if n < WORDS {
+        return majority_of_words::<REACH, COUNTED>(columns, n + 2, need, n, out);
+    }
+    let mut first = 0;
+    while first < n {
+        let from = first.min(n - WORDS);
+        let Some(out) = out[from..].first_chunk_mut::<WORDS>() else { return };
+        majority_of_words::<REACH, COUNTED>(&columns[from..], n + 2, &need[from..], n, out);
+        first += WORDS;
+    }
+}
+
+/// Some words of a row. Planes of columns begin `stride` words apart, those of needs `need_stride`.
 // Loops with fixed ends and no closures: all but the one over the words are unrolled, and that one is vectorised.
 #[inline(always)]
-fn majority<const REACH: usize>(columns: &[u64], need: &[u64], out: &mut [u64]) {
+fn majority_of_words<const REACH: usize, const COUNTED: usize>(
+    columns: &[u64],
+    stride: usize,
+    need: &[u64],
+    need_stride: usize,
+    out: &mut [u64],
+) {
     let n = out.len();
-    let (a, rest) = columns.split_at(n + 2);
-    let (b, rest) = rest.split_at(n + 2);
-    let (c, d) = rest.split_at(n + 2);
-    let d = &d[..n + 2];
-    let (need, rest) = need.split_at(n);
-    let (need1, rest) = rest.split_at(n);
-    let (need2, rest) = rest.split_at(n);
-    let (need3, rest) = rest.split_at(n);
-    let (need4, rest) = rest.split_at(n);
-    let (need5, need6) = rest.split_at(n);
-    let need6 = &need6[..n];
+    let (a, b) = (&columns[..n + 2], &columns[stride..][..n + 2]);
+    let (c, d) = (&columns[2 * stride..][..n + 2], &columns[3 * stride..][..n + 2]);
+    let (need0, need1, need2) = (&need[..n], &need[need_stride..][..n], &need[2 * need_stride..][..n]);
+    let (need3, need4) = (&need[3 * need_stride..][..n], &need[4 * need_stride..][..n]);
+    let (need5, need6) = (&need[5 * need_stride..][..n], &need[6 * need_stride..][..n]);
     for w in 0..n {
-        // The word before, the word itself and the one after, of each plane.
-        let words = [
+        // The word before, the word itself and the one after, of each plane that counts anything.
+        let mut words = [
             [a[w], a[w + 1], a[w + 2]],
             [b[w], b[w + 1], b[w + 2]],
             [c[w], c[w + 1], c[w + 2]],
             [d[w], d[w + 1], d[w + 2]],
         ];
+        words[COUNTED..].fill([0; 3]);
         let mut sum = [0u64; PLANES];
         add(&mut sum, [words[0][1], words[1][1], words[2][1], words[3][1]]);
         for by in 1..=REACH {
@@ -75,7 +104,7 @@ fn majority<const REACH: usize>(columns: &[u64], need: &[u64], out: &mut [u64]) 
             add(&mut sum, left);
             add(&mut sum, right);
         }
-        let need = [need[w], need1[w], need2[w], need3[w], need4[w], need5[w], need6[w]];
+        let need = [need0[w], need1[w], need2[w], need3[w], need4[w], need5[w], need6[w]];
         let mut enough = u64::MAX;
         for p in 0..PLANES {
             enough = (sum[p] & !need[p]) | (!(sum[p] ^ need[p]) & enough);
@@ -92,5 +121,67 @@ fn add(sum: &mut [u64; PLANES], number: [u64; COLUMN_PLANES]) {
         let other = if p < COLUMN_PLANES { number[p] } else { 0 };
         let half = sum[p] ^ other;
         (sum[p], carry) = (half ^ carry, (sum[p] & other) | (carry & half));
+    }
+}
+
+/// The same of five columns that count at most seven each, in a third of the instructions that the compiler finds: bits of one weight are
+/// added up three at a time, each sum and carry in one instruction. At least [`WORDS`] words.
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx512f")]
+fn majority_of_five_avx512(columns: &[u64], need: &[u64], out: &mut [u64]) {
+    use std::arch::x86_64::*;
+    /// Truth tables of three bits: their sum, their carry, and the second where the first two are alike, else the first.
+    const SUM: i32 = 0b1001_0110;
+    const CARRY: i32 = 0b1110_1000;
+    const LARGER: i32 = 0b1011_0010;
+    let load = |words: &[u64], at: usize| match words.get(at..).and_then(|words| words.first_chunk::<WORDS>()) {
+        // SAFETY: 64 bytes are read of 64; the pointer need not be aligned.
+        Some(words) => unsafe { _mm512_loadu_si512(words.as_ptr().cast()) },
+        None => _mm512_setzero_si512(),
+    };
+    let sum = |a, b, c| _mm512_ternarylogic_epi64::<SUM>(a, b, c);
+    let carry = |a, b, c| _mm512_ternarylogic_epi64::<CARRY>(a, b, c);
+    let (n, mut first) = (out.len(), 0);
+    while first < n {
+        let from = first.min(n - WORDS);
+        first += WORDS;
+        // A plane's bits of the five columns.
+        let five = |plane: usize| {
+            let at = plane * (n + 2) + from;
+            let (before, here, after) = (load(columns, at), load(columns, at + 1), load(columns, at + 2));
+            [
+                here,
+                _mm512_or_si512(_mm512_slli_epi64::<1>(here), _mm512_srli_epi64::<63>(before)),
+                _mm512_or_si512(_mm512_srli_epi64::<1>(here), _mm512_slli_epi64::<63>(after)),
+                _mm512_or_si512(_mm512_slli_epi64::<2>(here), _mm512_srli_epi64::<62>(before)),
+                _mm512_or_si512(_mm512_srli_epi64::<2>(here), _mm512_slli_epi64::<62>(after)),
+            ]
+        };
+        let ([a, b, c, d, e], [f, g, h, i, j], [k, l, m, o, p]) = (five(0), five(1), five(2));
+        // Ones.
+        let (s, c0) = (sum(a, b, c), carry(a, b, c));
+        let (ones, c1) = (sum(s, d, e), carry(s, d, e));
+        // Twos: five and two carried.
+        let (s, c2) = (sum(f, g, h), carry(f, g, h));
+        let (t, c3) = (sum(i, j, c0), carry(i, j, c0));
+        let (twos, c4) = (sum(s, t, c1), carry(s, t, c1));
+        // Fours: five and three.
+        let (s, c5) = (sum(k, l, m), carry(k, l, m));
+        let (t, c6) = (sum(o, p, c2), carry(o, p, c2));
+        let (u, c7) = (sum(s, t, c3), carry(s, t, c3));
+        let (fours, c8) = (_mm512_xor_si512(u, c4), _mm512_and_si512(u, c4));
+        // Eights: four carried. Sixteens: two. At most 35 in all.
+        let (s, c9) = (sum(c5, c6, c7), carry(c5, c6, c7));
+        let (eights, c10) = (_mm512_xor_si512(s, c8), _mm512_and_si512(s, c8));
+        let (sixteens, more) = (_mm512_xor_si512(c9, c10), _mm512_and_si512(c9, c10));
+        let zero = _mm512_setzero_si512();
+        let mut enough = _mm512_set1_epi64(-1);
+        for (p, bits) in [ones, twos, fours, eights, sixteens, more, zero].into_iter().enumerate() {
+            enough = _mm512_ternarylogic_epi64::<LARGER>(bits, load(need, p * n + from), enough);
+        }
+        if let Some(out) = out[from..].first_chunk_mut::<WORDS>() {
+            // SAFETY: 64 bytes are written of 64; the pointer need not be aligned.
+            unsafe { _mm512_storeu_si512(out.as_mut_ptr().cast(), enough) };
+        }
     }
 }

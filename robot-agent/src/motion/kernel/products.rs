@@ -13,8 +13,12 @@ type Fours = [[u32; COLUMNS / 4]; 4];
 /// Background and noise are 8.8 fixed point, noise at most [`super::NOISE_MAX`].
 pub fn products_by_fours(marks: &[u64], picture: &[u8], background: &[u16], noise: &[u16], width: usize) -> Fours {
     let mut fours = Fours::default();
+    // Only the picture's last rows are not followed by as many pixels as are read.
+    #[cfg(target_arch = "x86_64")]
+    let reach = marks.len().saturating_sub(1) * width + COLUMNS;
     #[cfg(target_arch = "x86_64")]
     match available() {
+        _ if reach > picture.len().min(background.len()).min(noise.len()) => {}
         Level::Avx512 => {
             for half in 0..COLUMNS / HALF {
                 // SAFETY: the processor has these instructions.
@@ -72,14 +76,13 @@ fn sum_group_avx2(
     if (any >> (GROUP * group)) as u16 == 0 {
         return;
     }
-    let (mut c_end, mut b_end, mut s_end) = ([0; GROUP], [0; GROUP], [0; GROUP]);
     // Rows without marks add nothing; to ask for them costs more.
     for (row, &bits) in marks.iter().enumerate() {
         let marked = _mm256_and_si256(_mm256_set1_epi16((bits >> (GROUP * group)) as i16), bit);
         let marked = _mm256_cmpeq_epi16(marked, bit);
         let at = row * width + GROUP * group;
-        let c = several(picture, at, &mut c_end);
-        let (b, s) = (several(background, at, &mut b_end), several(noise, at, &mut s_end));
+        let pixels = (picture[at..].first_chunk::<GROUP>(), background[at..].first_chunk::<GROUP>());
+        let ((Some(c), Some(b)), Some(s)) = (pixels, noise[at..].first_chunk::<GROUP>()) else { return };
         // SAFETY: 16 and 32 bytes are read of as many.
         let (c, b, s) = unsafe {
             (
@@ -128,14 +131,13 @@ fn sum_half_avx512(
     if (any >> (HALF * half)) as u32 == 0 {
         return;
     }
-    let (mut c_end, mut b_end, mut s_end) = ([0; HALF], [0; HALF], [0; HALF]);
     let zero = _mm512_setzero_si512();
     let (mut cc, mut cb, mut bb, mut ss) = (zero, zero, zero, zero);
     for (row, &bits) in marks.iter().enumerate() {
         let marked = (bits >> (HALF * half)) as u32;
         let at = row * width + HALF * half;
-        let c = several(picture, at, &mut c_end);
-        let (b, s) = (several(background, at, &mut b_end), several(noise, at, &mut s_end));
+        let pixels = (picture[at..].first_chunk::<HALF>(), background[at..].first_chunk::<HALF>());
+        let ((Some(c), Some(b)), Some(s)) = (pixels, noise[at..].first_chunk::<HALF>()) else { return };
         // SAFETY: 32 and 64 bytes are read of as many.
         let (c, b, s) = unsafe {
             (
@@ -158,17 +160,4 @@ fn sum_half_avx512(
             unsafe { _mm256_storeu_si256(eight.as_mut_ptr().cast(), _mm512_cvtepi64_epi32(four)) };
         }
     }
-}
-
-/// Values from place `at` on; where there are fewer, they and zeros in `space`.
-#[cfg(target_arch = "x86_64")]
-#[inline(always)]
-fn several<'a, const N: usize, T: Copy + Default>(values: &'a [T], at: usize, space: &'a mut [T; N]) -> &'a [T; N] {
-    let values = values.get(at..).unwrap_or(&[]);
-    if let Some(whole) = values.first_chunk() {
-        return whole;
-    }
-    *space = [T::default(); N];
-    space[..values.len()].copy_from_slice(values);
-    space
 }

@@ -3,17 +3,32 @@
 
 use std::ops::Range;
 
-use super::{bits_of, padded, wide};
+use super::{Level, available, bits_of, padded, wide};
 use crate::motion::regions::Run;
 
 /// Pixels that are worked together.
 pub const BLOCK: usize = 64;
 
-/// Pixels of a picture from place `at` on; zeros beyond its end.
+/// Pixels of a picture from place `at` on; zeros beyond its end, in `space`.
 #[inline(always)]
-fn block<T: Copy + Default>(values: &[T], at: usize) -> [T; BLOCK] {
+fn block<'a, T: Copy + Default>(values: &'a [T], at: usize, space: &'a mut [T; BLOCK]) -> &'a [T; BLOCK] {
     let values = values.get(at..).unwrap_or(&[]);
-    values.first_chunk().copied().unwrap_or_else(|| padded(values))
+    values.first_chunk().unwrap_or_else(|| pad(values, space))
+}
+
+#[cold]
+#[inline(never)]
+fn pad_before<'a>(values: &[u8], missing: usize, space: &'a mut [u8; BLOCK]) -> &'a [u8; BLOCK] {
+    let there = values.len().min(BLOCK.saturating_sub(missing));
+    space[BLOCK.min(missing)..][..there].copy_from_slice(&values[..there]);
+    space
+}
+
+#[cold]
+#[inline(never)]
+fn pad<'a, T: Copy + Default>(values: &[T], space: &'a mut [T; BLOCK]) -> &'a [T; BLOCK] {
+    *space = padded(values);
+    space
 }
 
 /// The lowest `n` bits.
@@ -33,6 +48,38 @@ fn for_blocks(run: &Run, width: usize, mut f: impl FnMut(usize, usize, usize)) {
     }
 }
 
+/// Calls `f` with the pixels of each block of columns that a run has a part in, counted from column `start` of a ring of `width`: the
+/// block's first column, its pixels, and 255 where they belong to the run. Blocks of all runs lie one below the other, so that sums
+/// over them are kept at places of their own.
+#[inline(always)]
+fn for_columns(
+    run: &Run,
+    width: usize,
+    start: usize,
+    values: &[u8],
+    mut f: impl FnMut(usize, &[u8; BLOCK], &[u8; BLOCK]),
+) {
+    let (first, len) = (run.offset(start, width), run.len as usize);
+    let mut column = first / BLOCK * BLOCK;
+    while column < first + len {
+        let from = first.saturating_sub(column);
+        let n = (first + len - column).min(BLOCK) - from;
+        let mut inside = [0u8; BLOCK];
+        for (i, inside) in inside.iter_mut().enumerate() {
+            *inside = if (i as u8).wrapping_sub(from as u8) < n as u8 { u8::MAX } else { 0 };
+        }
+        let at = (run.row as usize * width + run.start as usize + column).checked_sub(first);
+        let mut space = [0; BLOCK];
+        let pixels = match at {
+            Some(at) => block(values, at, &mut space),
+            // Before the picture's first pixel there are none.
+            None => pad_before(values, (first - column).saturating_sub(run.start as usize), &mut space),
+        };
+        f(column, pixels, &inside);
+        column += BLOCK;
+    }
+}
+
 wide! {
 /// How many pixels of a region differ by `threshold` or more in two pictures of rows of `width` pixels (6-1). Counts on until there
 /// are `enough`.
@@ -40,7 +87,8 @@ pub fn count_differences(runs: &[Run], width: usize, a: &[u8], b: &[u8], thresho
     let mut count = 0;
     for run in runs {
         for_blocks(run, width, |at, _, n| {
-            let (a, b) = (block(a, at), block(b, at));
+            let (mut a_end, mut b_end) = ([0; BLOCK], [0; BLOCK]);
+            let (a, b) = (block(a, at, &mut a_end), block(b, at, &mut b_end));
             let mut differ = [0u8; BLOCK];
             for i in 0..BLOCK {
                 differ[i] = if a[i].abs_diff(b[i]) >= threshold { u8::MAX } else { 0 };
@@ -62,7 +110,9 @@ pub fn count_not_darker(runs: &[Run], width: usize, picture: &[u8], background: 
     let mut count = 0;
     for run in runs {
         for_blocks(run, width, |at, _, n| {
-            let (picture, background) = (block(picture, at), block(background, at));
+            let (mut picture_end, mut background_end) = ([0; BLOCK], [0; BLOCK]);
+            let (picture, background) =
+                (block(picture, at, &mut picture_end), block(background, at, &mut background_end));
             let mut darker = [0u8; BLOCK];
             for i in 0..BLOCK {
                 let half = u16::from(picture[i]) << 7;
@@ -83,13 +133,10 @@ wide! {
 /// ring of `width` is the first. `sums` has at least [`BLOCK`] more than the region has columns.
 pub fn add_to_columns(runs: &[Run], width: usize, start: usize, values: &[u8], least: u8, most: u8, sums: &mut [u32]) {
     for run in runs {
-        let first = run.offset(start, width);
-        for_blocks(run, width, |at, done, n| {
-            let values = block(values, at);
-            let Some(sums) = sums.get_mut(first + done..).and_then(|sums| sums.first_chunk_mut::<BLOCK>()) else { return };
+        for_columns(run, width, start, values, |column, values, inside| {
+            let Some(sums) = sums.get_mut(column..).and_then(|sums| sums.first_chunk_mut::<BLOCK>()) else { return };
             for i in 0..BLOCK {
-                let value = u32::from(values[i].max(least).min(most));
-                sums[i] = sums[i].wrapping_add(if i < n { value } else { 0 });
+                sums[i] = sums[i].wrapping_add(u32::from(values[i].max(least).min(most) & inside[i]));
             }
         });
     }
@@ -110,24 +157,53 @@ pub fn add_to_rows(
     most: u8,
     rows: &mut [(u32, u32)],
 ) {
+    let level = available();
     for run in runs {
         let first = run.offset(start, width);
         let (from, end) = (first.max(columns.start), (first + run.len as usize).min(columns.end));
         let mut sum = 0u32;
         let inner = Run { row: run.row, start: run.start + (from - first) as u32, len: end.saturating_sub(from) as u32 };
-        for_blocks(&inner, width, |at, _, n| {
-            let values = block(values, at);
-            for (i, value) in values.into_iter().enumerate() {
-                let value = value.min(most);
-                sum = sum.wrapping_add(u32::from(if i < n { value } else { 0 }));
-            }
-        });
+        let place = inner.row as usize * width + inner.start as usize;
+        let (mut done, mut space) = (0, [0; BLOCK]);
+        while done < inner.len as usize {
+            let values = block(values, place + done, &mut space);
+            let n = (inner.len as usize - done).min(BLOCK);
+            sum = sum.wrapping_add(sum_of_first(level, values, n, most));
+            done += BLOCK;
+        }
         if let Some((all, n)) = rows.get_mut((run.row as usize).wrapping_sub(first_row)) {
             *all = all.wrapping_add(sum);
             *n = n.wrapping_add(inner.len);
         }
     }
 }
+}
+
+/// The sum of the first `n` values, at most `most` each.
+#[inline(always)]
+fn sum_of_first(level: Level, values: &[u8; BLOCK], n: usize, most: u8) -> u32 {
+    #[cfg(target_arch = "x86_64")]
+    if level == Level::Avx512 {
+        // SAFETY: the processor has these instructions.
+        return unsafe { sum_of_first_avx512(values, n, most) };
+    }
+    #[cfg(not(target_arch = "x86_64"))]
+    let _ = level;
+    let mut sum = 0u32;
+    for (i, value) in values.iter().enumerate() {
+        sum = sum.wrapping_add(u32::from(if i < n { (*value).min(most) } else { 0 }));
+    }
+    sum
+}
+
+/// The same; sums of eight neighbours are one instruction.
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx512f,avx512bw")]
+#[inline]
+fn sum_of_first_avx512(values: &[u8; BLOCK], n: usize, most: u8) -> u32 {
+    use std::arch::x86_64::*;
+    let values = _mm512_maskz_min_epu8(lowest(n), super::avx512::load_block(values), _mm512_set1_epi8(most as i8));
+    _mm512_reduce_add_epi64(_mm512_sad_epu8(values, _mm512_setzero_si512())) as u32
 }
 
 wide! {
@@ -147,16 +223,15 @@ pub fn add_to_cells(
 ) {
     let [width, height] = size;
     for run in runs {
-        let first = run.row as usize * bands / height * columns + run.offset(start, width);
-        for_blocks(run, width, |at, done, n| {
-            let pixels = block(pixels, at);
-            let cells = first + done..;
+        let first = run.row as usize * bands / height * columns;
+        for_columns(run, width, start, pixels, |column, pixels, inside| {
+            let cells = first + column..;
             let counts = counts.get_mut(cells.clone()).and_then(|counts| counts.first_chunk_mut::<BLOCK>());
             let sums = sums.get_mut(cells).and_then(|sums| sums.first_chunk_mut::<BLOCK>());
             let (Some(counts), Some(sums)) = (counts, sums) else { return };
             for i in 0..BLOCK {
-                counts[i] = counts[i].wrapping_add(u16::from(i < n));
-                sums[i] = sums[i].wrapping_add(if i < n { u32::from(pixels[i]) } else { 0 });
+                counts[i] = counts[i].wrapping_add(u16::from(inside[i] & 1));
+                sums[i] = sums[i].wrapping_add(u32::from(pixels[i] & inside[i]));
             }
         });
     }
@@ -198,7 +273,7 @@ fn fill(pixels: &mut [u8], value: u8) {
 mod tests {
     use rand::{Rng, SeedableRng};
 
-    use super::super::{Level, at_most};
+    use super::super::at_most;
     use super::*;
 
     const WIDTH: usize = 150;

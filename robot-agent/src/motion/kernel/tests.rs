@@ -29,14 +29,24 @@ fn what_differs_is_marked_as_the_formula_says_at_any_width() {
         let (mut magnitude, before) = (vec![0; n], most.clone());
         let words = n.div_ceil(64);
         let (mut faint, mut strong) = (vec![u64::MAX; words], vec![u64::MAX; words]);
-        let row = Compared {
+        let piece = Compared {
             picture: &picture,
             exposure_q15: 32768,
             background: &background,
             noise: &noise,
             floors: [512, 1536],
+            size: [n, 1],
+            width: n,
         };
-        mark_changes(row, &mut magnitude, &mut most, &mut faint, &mut strong);
+        let (faint_words, strong_words) = (&mut faint, &mut strong);
+        let out = &mut Marked {
+            magnitude: &mut magnitude,
+            most: &mut most,
+            faint: faint_words,
+            strong: strong_words,
+            stride: words,
+        };
+        mark_changes(piece, out);
         for x in 0..64 * words {
             let bits = [faint[x / 64] >> (x % 64) & 1, strong[x / 64] >> (x % 64) & 1].map(|b| b != 0);
             if x >= n {
@@ -74,8 +84,23 @@ fn everything(seed: u64) -> Vec<Vec<u64>> {
     let exposure_q15 = 30_000 + (rng.next_u32() % 6000) as u16;
     let (mut magnitude, mut most) = (vec![0; N], before.clone());
     let (mut faint, mut strong) = (vec![0; WORDS], vec![0; WORDS]);
-    let row = Compared { picture: &current, exposure_q15, background: &level, noise: &noise, floors: [512, 1536] };
-    mark_changes(row, &mut magnitude, &mut most, &mut faint, &mut strong);
+    let piece = Compared {
+        picture: &current,
+        exposure_q15,
+        background: &level,
+        noise: &noise,
+        floors: [512, 1536],
+        size: [N, 1],
+        width: N,
+    };
+    let out = &mut Marked {
+        magnitude: &mut magnitude,
+        most: &mut most,
+        faint: &mut faint,
+        strong: &mut strong,
+        stride: WORDS,
+    };
+    mark_changes(piece, out);
     let layers = Layers { second: &second[64..128], known: known[1] };
     let forgiven = known_look(&current[64..128], exposure_q15, &noise[64..128], layers);
     let products = products_by_fours(&faint[..3], &current, &level, &noise, 64);
@@ -89,15 +114,25 @@ fn everything(seed: u64) -> Vec<Vec<u64>> {
     let counting = Counting { also_kept: seed.is_multiple_of(2), most: 8, lead: 2, weight: 1 + (seed % 3) as u8 };
     let exchanged = count_looks(&current, exposure_q15, &how, &noise, counting, &mut looks);
     learn(&current, exposure_q15, &how, 4, 5, 12, NOISE_MAX, &mut level, &mut noise);
-    let trimmed = at_least(&magnitude, &before[..50]);
+    let mut all_trimmed = Vec::new();
+    for columns in [50, 64] {
+        let mut trimmed = [u64::MAX, 0, u64::MAX];
+        keep_at_least(&magnitude, 70, 3, &before[..columns], &mut trimmed, 1);
+        for (y, word) in trimmed.iter().enumerate() {
+            let kept = |x: usize| y != 1 && (x >= columns || magnitude[70 * y + x] >= before[x]);
+            assert!((0..64).all(|x| (word >> x & 1 != 0) == kept(x)), "row {y}");
+        }
+        all_trimmed.extend(trimmed);
+    }
     let mut counts = vec![0; COLUMN_PLANES * (WORDS + 2)];
     for _ in 0..3 {
         slide_counts(&faint, &strong, &mut counts);
     }
     let (need, mut majority) = ((0..PLANES * WORDS).map(|_| rng.next_u64()).collect::<Vec<_>>(), vec![0; WORDS]);
-    majority_of_counts(&counts, 2, &need, &mut majority);
+    majority_of_counts(&counts, 3 + (seed % 9) as usize, 2, &need, &mut majority);
     let mut all = vec![known, faint, strong, counts, majority];
-    all.push(vec![u64::from(exchanged), forgiven, trimmed]);
+    all.push(vec![u64::from(exchanged), forgiven]);
+    all.push(all_trimmed);
     let (steps, deviations) = compare_steps(&current, &level, &noise);
     let plain = (0..N - STEP).map(|i| {
         let step = (i64::from(current[i + STEP]) - i64::from(current[i])) * 256;

@@ -5,7 +5,7 @@ use std::ops::Range;
 
 use nalgebra::{Matrix4, Vector4};
 
-use crate::motion::kernel::{Level, available, wide};
+use crate::motion::kernel::{Level, available, fetch, wide};
 use crate::motion::raster::Raster;
 
 const TERMS: usize = 15;
@@ -145,16 +145,27 @@ fn sums<T: Gray>(reference: &[T], picture: &[u8], valid: &[u8], raster: &Raster,
         let mut lanes = [[0; LANES / 2]; TERMS];
         for y in (1..height.saturating_sub(1)).step_by(row_step) {
             let i = y * width;
-            let row = &reference[i..i + width];
-            let around = [
-                columns_of(row, x0, 1, plain, &at),
-                columns_of(row, x0, 0, plain, &at),
-                columns_of(row, x0, 2, plain, &at),
-                columns_of(&reference[i - width..i], x0, 1, plain, &at),
-                columns_of(&reference[i + width..i + 2 * width], x0, 1, plain, &at),
-            ];
-            let now = columns_of(&picture[i..i + width], x0, 1, plain, &at);
-            let mut tested = columns_of(&valid[i..i + width], x0, 1, plain, &at);
+            let ahead = i + 2 * row_step * width + x0;
+            for near in [ahead - width, ahead, ahead + width] {
+                fetch(reference.get(near..near + LANES).unwrap_or_default());
+            }
+            fetch(picture.get(ahead..ahead + LANES).unwrap_or_default());
+            fetch(valid.get(ahead..ahead + LANES).unwrap_or_default());
+            let (around, now, mut tested) = if plain {
+                let Some(read) = plain_columns(reference, picture, valid, width, i + x0) else { continue };
+                read
+            } else {
+                let row = &reference[i..i + width];
+                let around = [
+                    columns_of(row, 1, &at),
+                    columns_of(row, 0, &at),
+                    columns_of(row, 2, &at),
+                    columns_of(&reference[i - width..i], 1, &at),
+                    columns_of(&reference[i + width..i + 2 * width], 1, &at),
+                ];
+                let [now, tested] = [picture, valid].map(|values| columns_of(&values[i..i + width], 1, &at));
+                (around, now, tested)
+            };
             for (tested, inside) in tested.iter_mut().zip(inside) {
                 *tested = if *tested != 0 { inside } else { 0 };
             }
@@ -231,18 +242,42 @@ fn add_products_avx2(around: &[Columns; 5], now: &Columns, tested: &Columns, lan
     }
 }
 
-/// Sixteen columns of a row, from place `shift` of `at` on: column `x0` + `shift` − 1, where that is `plain`.
+/// The reference at sixteen pixels from one on, left of them, right, above and below, the picture and what is tested there; none of them
+/// at a row's end.
 #[inline(always)]
-fn columns_of<T: Gray>(row: &[T], x0: usize, shift: usize, plain: bool, at: &[usize; LANES + 2]) -> Columns {
+fn plain_columns<T: Gray>(
+    reference: &[T],
+    picture: &[u8],
+    valid: &[u8],
+    width: usize,
+    at: usize,
+) -> Option<([Columns; 5], Columns, Columns)> {
+    let here = reference.get(at..)?.first_chunk::<LANES>()?;
+    let left = reference.get(at.checked_sub(1)?..)?.first_chunk::<LANES>()?;
+    let right = reference.get(at + 1..)?.first_chunk::<LANES>()?;
+    let above = reference.get(at.checked_sub(width)?..)?.first_chunk::<LANES>()?;
+    let below = reference.get(at + width..)?.first_chunk::<LANES>()?;
+    let now = picture.get(at..)?.first_chunk::<LANES>()?;
+    let tested = valid.get(at..)?.first_chunk::<LANES>()?;
+    let around = [quarters(here), quarters(left), quarters(right), quarters(above), quarters(below)];
+    Some((around, quarters(now), quarters(tested)))
+}
+
+#[inline(always)]
+fn quarters<T: Gray>(values: &[T; LANES]) -> Columns {
     let mut out = [0; LANES];
-    if plain && let Some(values) = row[x0 + shift - 1..].first_chunk::<LANES>() {
-        for l in 0..LANES {
-            out[l] = values[l].quarters();
-        }
-    } else {
-        for (o, x) in out.iter_mut().zip(&at[shift..]) {
-            *o = row[*x].quarters();
-        }
+    for i in 0..LANES {
+        out[i] = values[i].quarters();
+    }
+    out
+}
+
+/// Sixteen columns of a row, those of `at` from place `shift` on.
+#[inline(always)]
+fn columns_of<T: Gray>(row: &[T], shift: usize, at: &[usize; LANES + 2]) -> Columns {
+    let mut out = [0; LANES];
+    for (o, x) in out.iter_mut().zip(&at[shift..]) {
+        *o = row[*x].quarters();
     }
     out
 }

@@ -32,6 +32,8 @@ const BLOCK: usize = 16;
 const COPY_BYTES: usize = 2 * (1 << 16) + 2;
 /// Rows of a tile between which source is fetched.
 const FETCH_ROWS: usize = 4;
+/// Rows ahead of which is fetched what is drawn over.
+const DRAW_AHEAD: usize = 3;
 
 /// The table in the order of work.
 #[derive(Debug, Clone)]
@@ -281,6 +283,7 @@ fn draw(tiles: &Tiles, source: &[u8], copy: &mut [u8; COPY_BYTES], out: &mut [u8
     }
 }
 
+wide! {
 /// The cells that are worked, tile by tile; what is drawn over is kept. While one is worked the source of the next one is fetched.
 fn draw_cells(tiles: &Tiles, source: &[u8], work: &Work, copy: &mut [u8; COPY_BYTES], out: &mut [u8], kept: &mut [u8]) {
     let (offsets, weights) = (tiles.offsets.as_chunks::<COLUMNS>().0, tiles.weights.as_chunks::<COLUMNS>().0);
@@ -306,6 +309,10 @@ fn draw_cells(tiles: &Tiles, source: &[u8], work: &Work, copy: &mut [u8; COPY_BY
             }
             let at = tile.first + v - tile.rows.start;
             let place = v * tiles.width + tile.column;
+            for picture in [&*out, &*kept] {
+                let later = place + DRAW_AHEAD * tiles.width;
+                kernel::fetch(picture.get(later..later + COLUMNS).unwrap_or_default());
+            }
             let Some(out) = out[place..].first_chunk_mut::<COLUMNS>() else { continue };
             match kept.get_mut(place..).and_then(|kept| kept.first_chunk_mut::<COLUMNS>()) {
                 // The last tile begins in the cell before its own, which has been drawn if it is.
@@ -316,6 +323,7 @@ fn draw_cells(tiles: &Tiles, source: &[u8], work: &Work, copy: &mut [u8; COPY_BY
             sample_row(level, copy, &offsets[at], &weights[at], out);
         }
     }
+}
 }
 
 wide! {
@@ -394,6 +402,7 @@ fn apart(offsets: &[u16; 4]) -> [u16; 4] {
 /// The same, sixteen at a time. Each pixel is loaded on its own: that is faster than a gather instruction.
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx2")]
+#[inline]
 fn sample_row_avx2(
     copy: &[u8; COPY_BYTES],
     offsets: &[u16; COLUMNS],
@@ -447,6 +456,7 @@ fn sample_row_avx2(
 /// The same with half as many instructions but the loads.
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx512f,avx512bw,avx512dq,avx512vl,avx2")]
+#[inline]
 fn sample_row_avx512(
     copy: &[u8; COPY_BYTES],
     offsets: &[u16; COLUMNS],
