@@ -33,23 +33,24 @@ fn each_of_two_is_where_the_marks_look_like_him() {
     }
 }
 
-/// Two come up to each other, one stands behind the other for as long, and they go: back, or on. The numbers before, 0.6 s after
-/// they part and 3 s after, of the one behind and of the one in front.
-fn meet(middle_deg: f64, stand_s: f64, back: bool) -> [[Option<TrackId>; 2]; 3] {
+/// Two come up to each other, one is behind the other for as long, where they stand or walk on together, and they go: back, or on.
+/// The numbers before, 0.6 s after they part and 3 s after, of the one behind and of the one in front.
+fn meet(start_deg: f64, behind_s: f64, together_deg_s: f64, back: bool) -> [[Option<TrackId>; 2]; 3] {
     const WALK_S: f64 = 3.0;
     const DEG_S: f64 = 18.0;
     let mut room = Room::new([-15.0, 20.0]);
     let mut tracker = Tracker::new(room.raster, room.view.clone(), TrackerSettings::default());
     let mut ids = [[None; 2]; 3];
-    let frames = ((2.0 * WALK_S + stand_s) * 10.0) as i32;
+    let frames = ((2.0 * WALK_S + behind_s) * 10.0) as i32;
     for frame in 0..=frames {
         let t = f64::from(frame) * 0.1;
-        let gone_s = (t - WALK_S - stand_s).max(0.0);
+        let gone_s = (t - WALK_S - behind_s).max(0.0);
+        let middle_deg = start_deg + together_deg_s * (t - WALK_S).clamp(0.0, behind_s);
         let aside = DEG_S * ((WALK_S - t).max(0.0) + if back { gone_s } else { -gone_s });
         let behind = Person { gray: 40, ..person(middle_deg + aside, 2.6) };
         let front = Person { gray: 170, ..person(middle_deg - aside, 1.8) };
         room.look(&[behind, front]);
-        let walks = t < WALK_S || gone_s > 0.0;
+        let walks = t < WALK_S || gone_s > 0.0 || together_deg_s != 0.0;
         let regions = crate::motion::group(&room.mask, &room.raster, [1, 1], 1);
         let objects: Vec<_> = regions.into_iter().map(|region| Object { moves: walks, region, ghost: false }).collect();
         let scene = Scene { picture: &room.picture, objects: &objects, ..room.scene() };
@@ -61,7 +62,7 @@ fn meet(middle_deg: f64, stand_s: f64, back: bool) -> [[Option<TrackId>; 2]; 3] 
             (found.len() == 1).then(|| found[0])
         };
         // Some frames before they come together, and some after they have parted.
-        let asked = [15, ((WALK_S + stand_s + 0.6) * 10.0).round() as i32, frames];
+        let asked = [15, ((WALK_S + behind_s + 0.6) * 10.0).round() as i32, frames];
         if let Some(n) = asked.iter().position(|f| *f == frame) {
             ids[n] = [at(&behind), at(&front)];
         }
@@ -72,7 +73,7 @@ fn meet(middle_deg: f64, stand_s: f64, back: bool) -> [[Option<TrackId>; 2]; 3] 
 #[test]
 fn two_who_pass_keep_their_numbers_and_so_do_two_who_turn_back_on_the_seam() {
     for (middle_deg, back) in [(20.0, false), (180.0, true)] {
-        let [before, soon, after] = meet(middle_deg, 0.5, back);
+        let [before, soon, after] = meet(middle_deg, 0.5, 0.0, back);
         assert!(before.iter().all(Option::is_some), "at {middle_deg}°: {before:?}");
         assert_eq!([before, before], [soon, after], "at {middle_deg}°, back {back}");
     }
@@ -81,10 +82,31 @@ fn two_who_pass_keep_their_numbers_and_so_do_two_who_turn_back_on_the_seam() {
 #[test]
 fn who_stood_behind_somebody_for_long_comes_out_under_his_number() {
     for (middle_deg, back) in [(-60.0, true), (180.0, false)] {
-        let [before, soon, after] = meet(middle_deg, 4.0, back);
+        let [before, soon, after] = meet(middle_deg, 4.0, 0.0, back);
         assert!(before.iter().all(Option::is_some), "at {middle_deg}°: {before:?}");
         assert_eq!([before, before], [soon, after], "at {middle_deg}°, back {back}");
     }
+}
+
+#[test]
+fn who_walked_on_behind_somebody_comes_out_under_his_number() {
+    for (start_deg, back) in [(-20.0, true), (150.0, false)] {
+        let [before, soon, after] = meet(start_deg, 3.0, 18.0, back);
+        assert!(before.iter().all(Option::is_some), "from {start_deg}°: {before:?}");
+        assert_eq!([before, before], [soon, after], "from {start_deg}°, back {back}");
+    }
+}
+
+#[test]
+fn who_is_hidden_makes_nobody_a_part_of_him() {
+    let mut room = Room::new([-15.0, 20.0]);
+    let front = person(30.0, 2.1);
+    room.look(&[front]);
+    let shape = Shape::default();
+    let sought = |range_m, seniority| Sought { seniority, ..at_truth(&room, &Person { range_m, ..front }, &shape) };
+    let found = room.figures.fit(&[sought(2.9, 90), sought(2.1, 80)]);
+    assert!(!found[0].shows(), "{found:?}");
+    assert!(found[1].shows() && found[1].evidence > 0.5, "{found:?}");
 }
 
 #[test]
