@@ -66,7 +66,9 @@ impl Tracker {
         let followed = |id: TrackId| self.tracks.iter().any(|t| t.id == id);
         let alone = |told: &Sought<'_>| {
             let room = (SAME_M / told.range_m).atan() / self.column_rad(told.column);
-            !sought.iter().any(|s| {
+            // Who is covered himself speaks for nobody who is seen.
+            let shown = sought.iter().zip(&self.tracks).filter(|(_, track)| !track.behind);
+            !shown.map(|(s, _)| s).any(|s| {
                 let aside = self.raster.column_difference(s.column, told.column).abs();
                 aside < room + s.column_sigma.min(room) && (s.range_m / told.range_m).ln().abs() < SAME_LOG_RANGE
             })

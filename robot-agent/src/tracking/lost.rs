@@ -10,14 +10,14 @@ use protocol::id::TrackId;
 use protocol::time::Timestamp;
 
 use super::looks::Looks;
+use super::people::BEHIND_ALIKE;
 use super::track::{Sighting, Track};
 use crate::motion::{Patch, Raster};
 
 /// How long a place is remembered after somebody was last seen standing there, seconds.
 const REMEMBERED_S: f64 = 8.0;
-/// How long somebody who is behind others is remembered, seconds, and how much he must look like himself there, nats.
+/// How long somebody who is behind others is remembered, seconds.
 const BEHIND_S: f64 = 6.0;
-const LEAST_ALIKE: f64 = 0.5;
 /// Most places.
 const MOST: usize = 16;
 /// How far from the place a figure may be found: in shoulders' breadths, and as a ratio of distances (logarithm).
@@ -85,7 +85,7 @@ impl LostPeople {
         let stood = all().filter(|(_, l)| stands(l)).min_by(|a, b| places(a.1).total_cmp(&places(b.1)));
         let alike = |l: &Lost| l.looks.firm().map_or(f64::NEG_INFINITY, |known| found.appearance.log_ratio(known));
         let comes_out =
-            |l: &Lost| l.behind && away(l) < reach && farther(l) < BEHIND_LOG_RANGE && alike(l) > LEAST_ALIKE;
+            |l: &Lost| l.behind && away(l) < reach && farther(l) < BEHIND_LOG_RANGE && alike(l) > BEHIND_ALIKE;
         let hidden = || all().filter(|(_, l)| comes_out(l)).max_by(|a, b| alike(a.1).total_cmp(&alike(b.1)));
         let (k, _) = stood.or_else(hidden)?;
         Some(self.0.swap_remove(k))

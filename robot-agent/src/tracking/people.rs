@@ -25,7 +25,8 @@ const TOLD_EVIDENCE: f32 = 0.4;
 /// Own share up to which somebody who is not seen is behind others, and within how far he is where he would be hidden best, metres.
 const COVERED: f32 = 0.5;
 const BEHIND_M: f64 = 0.25;
-/// What is taken to speak for him there.
+/// How much he must look like himself when he comes out, nats, and what is taken to speak for him until then.
+pub(super) const BEHIND_ALIKE: f64 = 0.5;
 const COVERED_EVIDENCE: f32 = 0.3;
 /// Own share from which on somebody in doubt is compared with those who were beside him.
 const COMPARED_OWN: f32 = 0.6;
@@ -98,7 +99,7 @@ impl Tracker {
             track.weigh(f64::from(if covered { figure.evidence.max(COVERED_EVIDENCE) } else { figure.evidence }), dt_s);
             let is_he = |look: &Look| {
                 let known = track.looks.firm().filter(|_| track.behind);
-                known.is_none_or(|known| known.log_ratio(&look.sighting.appearance) > LEAST_ALIKE)
+                known.is_none_or(|known| known.log_ratio(&look.sighting.appearance) > BEHIND_ALIKE)
             };
             match look.filter(|look| seen && is_he(look)) {
                 Some(look) => {
@@ -201,7 +202,8 @@ impl Tracker {
         };
         let alike = |t: usize| Some((t, self.tracks[t].looks.firm()?.log_ratio(&sighting.appearance)));
         let members = (0..self.tracks.len().min(known.len())).filter(may_be).filter_map(alike);
-        let (t, _) = members.filter(|(_, nats)| *nats > LEAST_ALIKE).max_by(|a, b| a.1.total_cmp(&b.1))?;
+        let least = |t: usize| if self.tracks[t].behind { BEHIND_ALIKE } else { LEAST_ALIKE };
+        let (t, _) = members.filter(|(t, nats)| *nats > least(*t)).max_by(|a, b| a.1.total_cmp(&b.1))?;
         Some(t)
     }
 
