@@ -89,7 +89,7 @@ impl BlurLine {
     pub fn blur(&self) -> Option<Blur> {
         let [range2, aside2] = self.mean;
         let angle_rad2 = (self.spread[1] / (self.spread[0] + LEAST_SPREAD_M4)).max(0.0).min(aside2 / range2);
-        (self.count > 0.0).then(|| Blur { aside_m2: aside2 - angle_rad2 * range2, angle_rad2 })
+        (self.count > 0.0).then_some(Blur { aside_m2: aside2 - angle_rad2 * range2, angle_rad2 })
     }
 }
 
