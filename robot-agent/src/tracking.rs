@@ -77,7 +77,7 @@ impl Default for TrackerSettings {
             sigmas: ShapeSigmas::default(),
             confirm_hits: 4,
             hidden_s: 2.5,
-            behind_s: 4.0,
+            behind_s: 6.0,
             publish_hidden_s: 1.0,
             hold_s: 60.0,
             unsupported_s: 3.0,

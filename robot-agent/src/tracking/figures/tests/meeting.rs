@@ -104,7 +104,7 @@ fn who_is_hidden_makes_nobody_a_part_of_him() {
     room.look(&[front]);
     let shape = Shape::default();
     let sought = |range_m, seniority| Sought { seniority, ..at_truth(&room, &Person { range_m, ..front }, &shape) };
-    let found = room.figures.fit(&[sought(2.9, 90), sought(2.1, 80)]);
+    let found = room.figures.fit(&[sought(3.6, 90), sought(2.1, 80)]);
     assert!(!found[0].shows(), "{found:?}");
     assert!(found[1].shows() && found[1].evidence > 0.5, "{found:?}");
 }
