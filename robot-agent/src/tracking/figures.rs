@@ -109,8 +109,6 @@ pub(super) struct Figure {
     pub(super) apart: f32,
     /// Log-likelihood gained by what no senior explains, against what the whole body would: whether it exists at all.
     pub(super) evidence: f32,
-    /// The same by what nobody else explains: how much is missing without it.
-    pub(super) needed: f32,
     place: Place,
     seniority: u32,
 }
@@ -393,7 +391,7 @@ impl Figures {
 
     fn bare_figure(&self, place: Place, seniority: u32) -> Figure {
         let (column, range_m) = (self.column_of(place.cell), place.silhouette.range_m);
-        Figure { column, range_m, own: 1.0, support: 0.0, apart: 1.0, evidence: 0.0, needed: 0.0, place, seniority }
+        Figure { column, range_m, own: 1.0, support: 0.0, apart: 1.0, evidence: 0.0, place, seniority }
     }
 
     /// What is left to explain when some bodies explain theirs.
@@ -610,7 +608,6 @@ impl Figures {
 
     /// What is each figure's own, how well it is supported, and whether it exists.
     fn judge(&self, mut figures: Vec<Figure>) -> Vec<Figure> {
-        let mut full = vec![0f32; figures.len()];
         for k in 0..figures.len() {
             let me = &figures[k];
             let others = || figures.iter().enumerate().filter(|(j, _)| *j != k);
@@ -620,31 +617,44 @@ impl Figures {
             let s = &me.place.silhouette;
             let (mut own, mut apart, mut all, mut expected, mut next) = (0f32, 0f32, 0f32, 0f32, 0);
             self.for_cells(&me.place, |i, c| {
-                let gain = s.unmarked[next] + c * (s.marked[next] - s.unmarked[next]);
+                let gain = s.expected_gain(next, c);
                 next += 1;
                 own += free[i] * c;
                 apart += alone[i] * c;
                 all += self.weight[i] * c;
                 expected += free[i] * gain;
-                full[k] += self.weight[i] * gain;
             });
             let gain = self.gain(me.place.cell, s, &self.rest(in_front()));
             let all = all.max(1e-3);
             let figure = &mut figures[k];
             (figure.own, figure.apart, figure.support) = (own / all, apart / all, gain / expected.max(1e-3));
         }
-        for (k, full) in full.into_iter().enumerate() {
+        for k in 0..figures.len() {
             let me = &figures[k];
             // Who is hidden, by whomever, explains nothing to those who are established.
             let explains = |f: &Figure| f.shows() || me.seniority < ESTABLISHED;
-            let others = || figures.iter().enumerate().filter(|(j, _)| *j != k);
-            let seniors = others().filter(|(j, f)| (f.seniority, k) > (me.seniority, *j) && explains(f));
-            let beyond = |rest: &Rest| self.gain(me.place.cell, &me.place.silhouette, rest) / full.max(1e-3);
-            let evidence = beyond(&self.rest(seniors.map(|(_, f)| &f.place)));
-            let needed = beyond(&self.rest(others().map(|(_, f)| &f.place)));
-            (figures[k].evidence, figures[k].needed) = (evidence, needed);
+            let others = figures.iter().enumerate().filter(|(j, _)| *j != k);
+            let seniors = others.filter(|(j, f)| (f.seniority, k) > (me.seniority, *j) && explains(f));
+            figures[k].evidence = self.share_beyond(me, seniors.map(|(_, f)| &f.place));
         }
         figures
+    }
+
+    /// How much is missing without one of the figures: its evidence by what none of the others explains.
+    pub(super) fn needed(&self, figures: &[Figure], k: usize) -> f32 {
+        let others = figures.iter().enumerate().filter(|(j, _)| *j != k);
+        self.share_beyond(&figures[k], others.map(|(_, f)| &f.place))
+    }
+
+    /// Log-likelihood gained by what `others` do not explain, against what the whole body would.
+    fn share_beyond<'a>(&self, me: &Figure, others: impl Iterator<Item = &'a Place>) -> f32 {
+        let s = &me.place.silhouette;
+        let (mut full, mut next) = (0f32, 0);
+        self.for_cells(&me.place, |i, c| {
+            full += self.weight[i] * s.expected_gain(next, c);
+            next += 1;
+        });
+        self.gain(me.place.cell, s, &self.rest(others)) / full.max(1e-3)
     }
 
     fn owners(&self, figures: &[Figure]) -> Vec<u8> {

@@ -110,13 +110,11 @@ impl Tracker {
                     track.see_figure(&look.sighting, capture, &self.raster);
                     now[t] = Some(look.sighting.appearance);
                 }
-                None => {
-                    track.miss();
-                    if figure.own < COVERED && track.looks.firm().is_some() {
-                        let within = figures.columns_of(BEHIND_M, figure.range_m);
-                        track.stays_behind(figure.column, within, &self.raster);
-                    }
+                None if figure.own < COVERED && track.looks.firm().is_some() => {
+                    let within = figures.columns_of(BEHIND_M, figure.range_m);
+                    track.stays_behind(figure.column, within, &self.raster);
                 }
+                None => track.miss(),
             }
         }
         self.suspect(&figures, &all, &now, capture);
@@ -126,7 +124,7 @@ impl Tracker {
             let enough = figure.own >= NEW_OWN
                 && figure.support >= NEW_SUPPORT
                 && (!others_see || figure.evidence >= TOLD_EVIDENCE);
-            if enough && let Some(t) = self.member_at(figure, &look.sighting, &all[..known], &figures) {
+            if enough && let Some(t) = self.member_at(figure, &look.sighting, &all[..told], &figures) {
                 // One of those who were together has come out elsewhere than where he was placed.
                 let track = &mut self.tracks[t];
                 self.areas.retain(|(id, _)| *id != track.id);
@@ -188,20 +186,22 @@ impl Tracker {
     }
 
     /// Of those who were with others and for whom little speaks where they are, the one who may be seen here.
-    fn member_at(&self, found: &Figure, sighting: &Sighting, known: &[Figure], figures: &Figures) -> Option<usize> {
+    /// `sought`: the figures of the tracks, and of others who were looked for.
+    fn member_at(&self, found: &Figure, sighting: &Sighting, sought: &[Figure], figures: &Figures) -> Option<usize> {
         let reach = figures.columns_of(OUT_M, found.range_m);
         let may_be = |t: &usize| {
-            let (track, figure) = (&self.tracks[*t], &known[*t]);
+            let track = &self.tracks[*t];
             let away = self.raster.column_difference(track.filter.column, sighting.axis).abs();
             track.confirmed
                 && track.looks.in_doubt()
                 && track.state != TrackState::Visible
-                && figure.needed < MOST_ELSEWHERE * found.evidence
                 && away < reach
                 && (found.range_m.ln() - track.log_range).abs() < OUT_LOG_RANGE
+                && figures.needed(sought, *t) < MOST_ELSEWHERE * found.evidence
         };
         let alike = |t: usize| Some((t, self.tracks[t].looks.firm()?.log_ratio(&sighting.appearance)));
-        let members = (0..self.tracks.len().min(known.len())).filter(may_be).filter_map(alike);
+        // Those who are born in this frame are not confirmed.
+        let members = (0..self.tracks.len().min(sought.len())).filter(may_be).filter_map(alike);
         let least = |t: usize| if self.tracks[t].behind { BEHIND_ALIKE } else { LEAST_ALIKE };
         let (t, _) = members.filter(|(t, nats)| *nats > least(*t)).max_by(|a, b| a.1.total_cmp(&b.1))?;
         Some(t)

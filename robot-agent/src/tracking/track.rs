@@ -415,9 +415,9 @@ impl Track {
 
     /// Not seen, and where he should be others cover him: he goes where they go, for elsewhere he would be seen.
     pub(super) fn stays_behind(&mut self, column: f64, within: f64, raster: &Raster) {
-        self.behind = true;
         self.filter.update(column, within, raster);
-        (self.axis, self.axis_sigma) = (self.filter.column, self.filter.sigma().hypot(0.3 * self.trunk_width));
+        self.miss();
+        self.behind = true;
     }
 
     fn note_seen(&mut self, moves: bool, now: Timestamp) {

@@ -42,6 +42,13 @@ pub(super) fn exposed(pixels: __m256i, exposure_q15: __m256i) -> [__m256i; 2] {
     })
 }
 
+/// The absolute differences of levels.
+#[target_feature(enable = "avx2")]
+#[inline]
+pub(super) fn difference(a: __m256i, b: __m256i) -> __m256i {
+    _mm256_or_si256(_mm256_subs_epu16(a, b), _mm256_subs_epu16(b, a))
+}
+
 /// The upper 16 bits of products. The intrinsic is arithmetic to the compiler, which widens what is the same in all rounds of a
 /// loop before the loop and then multiplies in four times as many instructions.
 #[target_feature(enable = "avx2")]

@@ -25,6 +25,13 @@ pub(super) fn exposed(pixels: __m256i, exposure_q15: __m512i) -> __m512i {
     _mm512_slli_epi16::<1>(half)
 }
 
+/// The absolute differences of levels.
+#[target_feature(enable = "avx512f,avx512bw")]
+#[inline]
+pub(super) fn difference(a: __m512i, b: __m512i) -> __m512i {
+    _mm512_or_si512(_mm512_subs_epu16(a, b), _mm512_subs_epu16(b, a))
+}
+
 /// See [`super::avx2`]'s.
 #[target_feature(enable = "avx512f,avx512bw")]
 #[inline]

@@ -324,15 +324,14 @@ fn count_background_avx512(
     use std::arch::x86_64::*;
 
     use super::avx2::load_bytes;
-    use super::avx512::{exposed, load_block, load_levels};
+    use super::avx512::{difference, exposed, load_block, load_levels};
     let exposure = _mm512_set1_epi16(exposure_q15 as i16);
     let (noise, level) = (noise.as_chunks::<WIDTH>().0, level.as_chunks::<WIDTH>().0);
     let mut far = 0;
     for (k, current) in current.as_chunks::<WIDTH>().0.iter().enumerate() {
         let (now, level) = (exposed(load_bytes(current), exposure), load_levels(&level[k]));
         let tolerance = _mm512_max_epu16(_mm512_slli_epi16::<2>(load_levels(&noise[k])), _mm512_set1_epi16(1024));
-        let difference = _mm512_or_si512(_mm512_subs_epu16(now, level), _mm512_subs_epu16(level, now));
-        far |= u64::from(_mm512_cmpge_epu16_mask(difference, tolerance)) << (WIDTH * k);
+        far |= u64::from(_mm512_cmpge_epu16_mask(difference(now, level), tolerance)) << (WIDTH * k);
     }
     let counted = _mm512_set1_epi8(if counting.also_kept { u8::MAX } else { KEEP } as i8);
     let wanted = _mm512_cmplt_epu8_mask(load_block(how), counted);
@@ -358,14 +357,13 @@ fn count_background_avx2(
 ) -> u64 {
     use std::arch::x86_64::*;
 
-    use super::avx2::{exposed, in_order, load_bytes, load_levels, store_bytes};
+    use super::avx2::{difference, exposed, in_order, load_bytes, load_levels, store_bytes};
     let (exposure, zero) = (_mm256_set1_epi16(exposure_q15 as i16), _mm256_setzero_si256());
     // All ones where it is another look.
     let far = |now, noise: &[u16; 16], level: &[u16; 16]| {
         let (tolerance, level) = (_mm256_slli_epi16::<2>(load_levels(noise)), load_levels(level));
-        let difference = _mm256_or_si256(_mm256_subs_epu16(now, level), _mm256_subs_epu16(level, now));
         let tolerance = _mm256_max_epu16(tolerance, _mm256_set1_epi16(1024));
-        _mm256_cmpeq_epi16(_mm256_subs_epu16(tolerance, difference), zero)
+        _mm256_cmpeq_epi16(_mm256_subs_epu16(tolerance, difference(now, level)), zero)
     };
     let kept = _mm256_set1_epi8(if counting.also_kept { -1 } else { KEEP as i8 });
     let (weight, most) = (_mm256_set1_epi8(counting.weight as i8), _mm256_set1_epi8(counting.most as i8));

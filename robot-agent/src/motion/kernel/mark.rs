@@ -173,7 +173,7 @@ fn mark_block_avx512(
     use std::arch::x86_64::*;
 
     use super::avx2::{load_bytes, store_bytes};
-    use super::avx512::{exposed, load_levels};
+    use super::avx512::{difference, exposed, load_levels};
     let exposure = _mm512_set1_epi16(exposure_q15 as i16);
     let [floor_faint, floor_strong] = floors.map(|floor| _mm512_set1_epi16(floor as i16));
     let (background, noise) = (background.as_chunks::<32>().0, noise.as_chunks::<32>().0);
@@ -182,7 +182,7 @@ fn mark_block_avx512(
     for (k, (picture, (magnitude, most))) in picture.as_chunks::<32>().0.iter().zip(out).enumerate() {
         let now = exposed(load_bytes(picture), exposure);
         let (background, noise) = (load_levels(&background[k]), load_levels(&noise[k]));
-        let difference = _mm512_or_si512(_mm512_subs_epu16(now, background), _mm512_subs_epu16(background, now));
+        let difference = difference(now, background);
         let least = _mm512_max_epu16(_mm512_slli_epi16::<1>(noise), floor_faint);
         faint |= u64::from(_mm512_cmpge_epu16_mask(difference, least)) << (32 * k);
         let least = _mm512_max_epu16(_mm512_add_epi16(_mm512_slli_epi16::<2>(noise), noise), floor_strong);
@@ -208,15 +208,14 @@ fn mark_block_avx2(
 ) -> (u64, u64) {
     use std::arch::x86_64::*;
 
-    use super::avx2::{exposed, in_order, load_bytes, load_levels, store_bytes};
+    use super::avx2::{difference, exposed, in_order, load_bytes, load_levels, store_bytes};
     let exposure = _mm256_set1_epi16(exposure_q15 as i16);
     let [floor_faint, floor_strong] = floors.map(|floor| _mm256_set1_epi16(floor as i16));
     let zero = _mm256_setzero_si256();
     let reaches = |difference, least| _mm256_cmpeq_epi16(_mm256_subs_epu16(least, difference), zero);
     let one = |now, background: &[u16; 16], noise: &[u16; 16]| {
         let (background, noise) = (load_levels(background), load_levels(noise));
-        let (up, down) = (_mm256_subs_epu16(now, background), _mm256_subs_epu16(background, now));
-        let difference = _mm256_or_si256(up, down);
+        let difference = difference(now, background);
         let faint = _mm256_max_epu16(_mm256_slli_epi16::<1>(noise), floor_faint);
         let strong = _mm256_max_epu16(_mm256_add_epi16(_mm256_slli_epi16::<2>(noise), noise), floor_strong);
         (_mm256_srli_epi16::<8>(difference), reaches(difference, faint), reaches(difference, strong))

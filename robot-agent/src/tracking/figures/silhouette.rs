@@ -62,6 +62,11 @@ impl Silhouette {
         2 * self.half + 1
     }
 
+    /// What a cell is expected to gain that is marked in a share `cover` of the time.
+    pub(super) fn expected_gain(&self, cell: usize, cover: f32) -> f32 {
+        self.unmarked[cell] + cover * (self.marked[cell] - self.unmarked[cell])
+    }
+
     fn of_cover(range_m: f64, half: usize, cover: Vec<f32>) -> Self {
         let ratios = |c: &f32| {
             let marked = CLUTTER + (DETECTION - CLUTTER) * c;

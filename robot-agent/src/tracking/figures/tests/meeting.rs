@@ -70,31 +70,30 @@ fn meet(start_deg: f64, behind_s: f64, together_deg_s: f64, back: bool) -> [[Opt
     ids
 }
 
+/// Both are known before, and have their numbers soon after they part and later.
+#[track_caller]
+fn keep_their_numbers(start_deg: f64, behind_s: f64, together_deg_s: f64, back: bool) {
+    let [before, soon, after] = meet(start_deg, behind_s, together_deg_s, back);
+    assert!(before.iter().all(Option::is_some), "from {start_deg}°: {before:?}");
+    assert_eq!([before, before], [soon, after], "from {start_deg}°, back {back}");
+}
+
 #[test]
 fn two_who_pass_keep_their_numbers_and_so_do_two_who_turn_back_on_the_seam() {
-    for (middle_deg, back) in [(20.0, false), (180.0, true)] {
-        let [before, soon, after] = meet(middle_deg, 0.5, 0.0, back);
-        assert!(before.iter().all(Option::is_some), "at {middle_deg}°: {before:?}");
-        assert_eq!([before, before], [soon, after], "at {middle_deg}°, back {back}");
-    }
+    keep_their_numbers(20.0, 0.5, 0.0, false);
+    keep_their_numbers(180.0, 0.5, 0.0, true);
 }
 
 #[test]
 fn who_stood_behind_somebody_for_long_comes_out_under_his_number() {
-    for (middle_deg, back) in [(-60.0, true), (180.0, false)] {
-        let [before, soon, after] = meet(middle_deg, 4.0, 0.0, back);
-        assert!(before.iter().all(Option::is_some), "at {middle_deg}°: {before:?}");
-        assert_eq!([before, before], [soon, after], "at {middle_deg}°, back {back}");
-    }
+    keep_their_numbers(-60.0, 4.0, 0.0, true);
+    keep_their_numbers(180.0, 4.0, 0.0, false);
 }
 
 #[test]
 fn who_walked_on_behind_somebody_comes_out_under_his_number() {
-    for (start_deg, back) in [(-20.0, true), (150.0, false)] {
-        let [before, soon, after] = meet(start_deg, 3.0, 18.0, back);
-        assert!(before.iter().all(Option::is_some), "from {start_deg}°: {before:?}");
-        assert_eq!([before, before], [soon, after], "from {start_deg}°, back {back}");
-    }
+    keep_their_numbers(-20.0, 3.0, 18.0, true);
+    keep_their_numbers(150.0, 3.0, 18.0, false);
 }
 
 #[test]
