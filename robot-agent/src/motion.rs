@@ -188,11 +188,30 @@ pub struct Patch {
     pub rows: [usize; 2],
 }
 
+impl Patch {
+    /// Whether most of another lies in it.
+    fn holds(&self, other: &Self, raster: &Raster) -> bool {
+        10 * self.shared(other, raster) > 7 * other.area()
+    }
+
+    /// Pixels in both.
+    fn shared(&self, other: &Self, raster: &Raster) -> usize {
+        let rows = (self.rows[1].min(other.rows[1]) + 1).saturating_sub(self.rows[0].max(other.rows[0]));
+        self.arc.overlap(&other.arc, raster) * rows
+    }
+
+    fn area(&self) -> usize {
+        self.arc.width * (self.rows[1] - self.rows[0] + 1)
+    }
+}
+
 /// What the tracker wants of the background: keep out of some patches, take over others.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Holds {
     /// Somebody stands there: never learnt.
     pub keep: Vec<Patch>,
+    /// Somebody is seen there who looks as he did when he walked: no ghost is.
+    pub recognised: Vec<Patch>,
     /// Somebody has stood there for so long that it belongs to the scene now.
     pub release: Vec<Patch>,
 }
@@ -252,8 +271,8 @@ pub struct MotionStage {
     spacing_s: f64,
     objects: Vec<Object>,
     ghosts: Vec<(Patch, u32)>,
-    /// Where somebody is followed: ghosts are believed later there.
-    kept: Vec<Patch>,
+    /// What the tracker wanted last: where somebody is followed, ghosts are believed later, or never.
+    holds: Holds,
     noise_sigma: f64,
     /// Picture / background, the light's common factor.
     gain: f64,
@@ -329,7 +348,7 @@ impl MotionStage {
             spacing_s: 0.1,
             objects: Vec::new(),
             ghosts: Vec::new(),
-            kept: Vec::new(),
+            holds: Holds::default(),
             noise_sigma: 2.0,
             gain: 1.0,
             light: gain::Light::default(),
@@ -506,6 +525,7 @@ impl MotionStage {
         if self.state != BackgroundState::Ready {
             return;
         }
+        self.holds.clone_from(holds);
         // A fast camera's pixels take turns, so that each is learnt about ten times a second.
         let turns = ((0.1 / self.spacing_s + TIE).round() as usize).clamp(1, MAX_TURNS);
         let turn = self.learnt % turns;
@@ -599,7 +619,6 @@ impl MotionStage {
         for patch in &holds.keep {
             fill(&mut self.how, patch, MARGIN, &rows, kernel::KEEP, &self.raster);
         }
-        self.kept.clone_from(&holds.keep);
         for patch in &holds.release {
             fill(&mut self.how, patch, MARGIN, &rows, kernel::LEARN, &self.raster);
         }
@@ -809,11 +828,12 @@ impl MotionStage {
             let before = self.ghosts.iter().find(|(p, _)| similar(p, &patch, &self.raster)).map_or(0, |(_, n)| *n);
             seen.push((patch, before + 1));
         }
-        let kept = &self.kept;
+        let holds = &self.holds;
         let raster = self.raster;
         let believed = |patch: &Patch, frames: u32| {
-            let followed = kept.iter().any(|k| similar(k, patch, &raster));
+            let followed = holds.keep.iter().any(|k| similar(k, patch, &raster));
             frames >= if followed { FOLLOWED_GHOST_FRAMES } else { GHOST_FRAMES }
+                && !holds.recognised.iter().any(|r| r.holds(patch, &raster))
         };
         for (patch, _) in seen.iter().filter(|(p, n)| believed(p, *n)) {
             for row in patch.rows[0]..=patch.rows[1] {
@@ -899,10 +919,7 @@ fn fill<T: Copy>(marks: &mut [T], patch: &Patch, margin: usize, rows: &Range<usi
 }
 
 fn similar(a: &Patch, b: &Patch, raster: &Raster) -> bool {
-    let columns = a.arc.overlap(&b.arc, raster);
-    let rows = (a.rows[1].min(b.rows[1]) + 1).saturating_sub(a.rows[0].max(b.rows[0]));
-    let area = |p: &Patch| p.arc.width * (p.rows[1] - p.rows[0] + 1);
-    10 * columns * rows > 7 * area(a).max(area(b))
+    10 * a.shared(b, raster) > 7 * a.area().max(b.area())
 }
 
 #[cfg(test)]

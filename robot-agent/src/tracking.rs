@@ -187,6 +187,7 @@ impl Tracker {
         } else {
             self.step_regions(scene, capture);
         }
+        self.vouch(capture);
         self.measure_extents(scene, peers, capture);
         self.end_tracks(capture);
         self.update_holds(capture);
@@ -578,6 +579,7 @@ impl Tracker {
             // Ghosts and flicker stay where they are born; people do not.
             let comes = track.moving_hits >= self.settings.confirm_hits || track.looks.in_doubt() && track.has_come();
             let comes = comes && (self.figures.is_some() || track.goes_somewhere());
+            let comes = comes || track.vouched_hits >= self.settings.confirm_hits;
             if !track.confirmed && track.hits >= self.settings.confirm_hits && comes {
                 track.confirmed = true;
                 track.turning_point = Some(now);
@@ -603,7 +605,7 @@ impl Tracker {
                 !left
                     && now.seconds_since(t.seen) <= most_s[0]
                     && now.seconds_since(t.supported) <= most_s[1]
-                    && (t.has_come() || now.seconds_since(t.moved) <= STUCK_S)
+                    && (t.has_come() || now.seconds_since(t.moved.max(t.vouched)) <= STUCK_S)
             } else {
                 t.misses < 2 && now.seconds_since(t.born) <= STUCK_S
             }
@@ -627,18 +629,23 @@ impl Tracker {
     }
 
     fn update_holds(&mut self, now: Timestamp) {
-        self.holds.keep.clear();
-        self.holds.release.clear();
-        self.holds.keep.extend(self.lost.patches());
+        let Holds { keep, recognised, release } = &mut self.holds;
+        for patches in [&mut *keep, recognised, release] {
+            patches.clear();
+        }
+        keep.extend(self.lost.patches());
         for track in self.tracks.iter().filter(|t| t.confirmed) {
             let patch: Patch = track.patch();
+            if track.has_come() && track.as_afoot && track.state != TrackState::Hidden {
+                recognised.push(patch);
+            }
             if now.seconds_since(track.moved) > self.settings.hold_s {
-                self.holds.release.push(patch);
+                release.push(patch);
             } else if now.seconds_since(track.seen) <= 1.0
                 && track.has_come()
                 && (self.figures.is_none() || now.seconds_since(track.moved) > STANDS_S)
             {
-                self.holds.keep.push(patch);
+                keep.push(patch);
             }
         }
     }

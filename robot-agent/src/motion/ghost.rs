@@ -61,3 +61,43 @@ impl OutlineSteps {
         self.background >= LEAST_PLACES && 2 * self.background > 3 * self.picture
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use protocol::time::Timestamp;
+
+    use crate::motion::{Arc, Holds, MotionSettings, MotionStage, Patch, Raster};
+
+    /// Frames after it stopped in which somebody is still an object who stands before a striped wall, in clothes like the
+    /// brighter stripes beside which his outline lies: it is an edge of the background.
+    fn frames_in_view(recognised: bool) -> usize {
+        let raster = Raster { width: 240, height: 120, wraps: false };
+        let settings = MotionSettings { own_motion: false, ..MotionSettings::default() };
+        let mut stage = MotionStage::new(raster, None, settings).unwrap();
+        let wall = |column: usize| if column % 12 < 6 { 150 } else { 70 };
+        let body = 102..138;
+        let patch = Patch { arc: Arc { start: body.start - 4, width: body.len() + 8 }, rows: [14, 119] };
+        let recognised = if recognised { vec![patch] } else { Vec::new() };
+        let holds = Holds { keep: vec![patch], recognised, ..Holds::default() };
+        let mut seen = 0;
+        for frame in 0..80 {
+            let shown = |i: usize| {
+                let (column, row) = (i % raster.width, i / raster.width);
+                let inside = frame >= 30 && body.contains(&column) && row >= 20;
+                if inside { 150 } else { wall(column) }
+            };
+            let picture: Vec<u8> = (0..raster.len()).map(shown).collect();
+            stage.change(&picture, Timestamp::from_secs_f64(100.0 + 0.1 * f64::from(frame))).unwrap();
+            stage.extract();
+            seen += usize::from(frame >= 30 && !stage.scene().objects.is_empty());
+            stage.learn(&holds);
+        }
+        seen
+    }
+
+    #[test]
+    fn a_trace_in_the_background_goes_and_somebody_who_looks_like_himself_stays() {
+        let (nobody, somebody) = (frames_in_view(false), frames_in_view(true));
+        assert!(nobody < 15 && somebody == 50, "{nobody} {somebody}");
+    }
+}

@@ -1,6 +1,7 @@
 //! Where the team says that people are: figures are looked for there, and measured as ever.
 
 use protocol::id::TrackId;
+use protocol::time::Timestamp;
 
 use super::Tracker;
 use super::figures::{Shape, Sought};
@@ -15,6 +16,8 @@ const LEAST_LOG_RANGE_SIGMA: f64 = 0.05;
 /// Somebody within so many metres to the side of a track, and about as far away (difference of logarithms), may be that track.
 const SAME_M: f64 = 0.35;
 const SAME_LOG_RANGE: f64 = 0.35;
+/// Whose distance is known to so much is seen by others, too, standard deviation in metres.
+const VOUCHED_M: f64 = 0.3;
 /// People further away are not missed, metres.
 const FURTHEST_M: f64 = 6.0;
 
@@ -75,6 +78,33 @@ impl Tracker {
         };
         let unseen = self.expected.iter().filter(|e| e.range_m < FURTHEST_M && !e.track.is_some_and(followed));
         unseen.filter_map(|e| self.told(e, anybody)).filter(alone).collect()
+    }
+
+    /// Notes of the tracks which of them the team sees, too: they are people though they do not move. A place that only this
+    /// robot's bearings tell is not sure enough for that.
+    pub(super) fn vouch(&mut self, now: Timestamp) {
+        let sure = |e: &&Expected| e.range_m < FURTHEST_M && e.log_range_sigma * e.range_m < VOUCHED_M;
+        let seen: Vec<(Option<TrackId>, f64, f64, f64)> = (self.expected.iter().filter(sure))
+            .filter_map(|e| {
+                let column = self.view.column_of_bearing(e.bearing_rad)?;
+                Some((e.track, column, (SAME_M / e.range_m).atan() / self.column_rad(column), e.range_m.ln()))
+            })
+            .collect();
+        for (known, column, room, log_range) in seen {
+            let track = match known {
+                Some(id) => self.tracks.iter_mut().find(|t| t.id == id),
+                None => {
+                    let aside = |t: &Track| self.raster.column_difference(t.filter.column, column).abs();
+                    let near = |t: &&mut Track| {
+                        !t.confirmed && aside(t) < room && (t.log_range - log_range).abs() < SAME_LOG_RANGE
+                    };
+                    self.tracks.iter_mut().filter(near).min_by(|a, b| aside(a).total_cmp(&aside(b)))
+                }
+            };
+            if let Some(track) = track.filter(|t| t.misses == 0) {
+                (track.vouched, track.vouched_hits) = (now, track.vouched_hits.saturating_add(1));
+            }
+        }
     }
 
     /// As the figures are looked for; `None` in an image.

@@ -24,6 +24,9 @@ const PATIENT_SIGHTS: u32 = 20;
 /// How fast looks follow a sight, at least.
 const FOLLOW_RECENT: f64 = 0.15;
 const FOLLOW_KNOWN: f64 = 0.03;
+const FOLLOW_AFOOT: f64 = 0.05;
+/// What must speak for somebody who stands being whom he was as he walked, nats.
+const AS_AFOOT: f64 = 0.5;
 /// Gain of an exchange that is believed, nats.
 const EXCHANGED: f64 = 1.0;
 /// Somebody so unlike himself before is somebody else, nats.
@@ -68,6 +71,8 @@ pub(super) struct Looks {
     recent: Appearance,
     recent_sights: u32,
     doubtful: bool,
+    /// While it moved, apart from others, and in how many sights: no ghost looks like this.
+    afoot: (Appearance, u32),
 }
 
 impl Looks {
@@ -81,6 +86,19 @@ impl Looks {
         self.sights += 1;
         self.known.follow(now, (1.0 / f64::from(self.sights)).max(FOLLOW_KNOWN));
         TOLD_AT.contains(&self.sights)
+    }
+
+    /// The same of somebody who moves.
+    pub(super) fn see_afoot(&mut self, now: &Appearance) {
+        let (looks, sights) = &mut self.afoot;
+        *sights += 1;
+        looks.follow(now, (1.0 / f64::from(*sights)).max(FOLLOW_AFOOT));
+    }
+
+    /// Whether it looks as it did while it walked: what is left in the background by somebody who stood there would not.
+    pub(super) fn is_as_afoot(&self, now: &Appearance) -> bool {
+        let (looks, sights) = &self.afoot;
+        *sights >= DECIDING_SIGHTS && looks.log_ratio(now) > AS_AFOOT
     }
 
     /// It is with others, or not seen: it may go on as somebody else.
@@ -209,6 +227,7 @@ pub(super) fn settle(tracks: &mut [Track], mut new_id: impl FnMut() -> TrackId) 
                 track.id = new_id();
                 track.looks.known = track.looks.recent;
                 track.looks.sights = track.looks.recent_sights;
+                track.looks.afoot = (Appearance::default(), 0);
                 track.announced = false;
             }
         }
@@ -230,6 +249,7 @@ pub(super) fn exchange(tracks: &mut [Track], a: usize, b: usize) {
     std::mem::swap(&mut a.figure_shape, &mut b.figure_shape);
     std::mem::swap(&mut a.looks.known, &mut b.looks.known);
     std::mem::swap(&mut a.looks.sights, &mut b.looks.sights);
+    std::mem::swap(&mut a.looks.afoot, &mut b.looks.afoot);
 }
 
 #[cfg(test)]

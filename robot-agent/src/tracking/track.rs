@@ -63,6 +63,9 @@ pub(super) struct Track {
     pub(super) votes: Votes,
     pub(super) hits: u32,
     pub(super) misses: u32,
+    /// When the team last saw it, too, and in how many sightings.
+    pub(super) vouched: Timestamp,
+    pub(super) vouched_hits: u32,
     /// Sightings in which it moved and was no ghost.
     pub(super) moving_hits: u32,
     /// When something in a picture last spoke for it.
@@ -91,6 +94,8 @@ pub(super) struct Track {
     pub(super) head: bool,
     /// How its figures agree with each other.
     pub(super) agreement: Agreement,
+    /// It looked, last, as it did while it walked.
+    pub(super) as_afoot: bool,
     /// Logarithm of the distance in metres that its figure has, and its sigma.
     pub(super) log_range: f64,
     pub(super) log_range_sigma: f64,
@@ -195,6 +200,8 @@ impl Track {
             misses: 0,
             moving_hits: 1,
             supported: now,
+            vouched: Timestamp::default(),
+            vouched_hits: 0,
             born: now,
             born_at: s.axis,
             travelled: 0.0,
@@ -210,6 +217,7 @@ impl Track {
             feet_hidden: s.feet_hidden,
             head: s.head,
             agreement: Agreement::of(s.manner),
+            as_afoot: false,
             log_range: s.range_m.ln(),
             log_range_sigma: 0.3,
             figure_shape: FigureShape::default(),
@@ -262,6 +270,7 @@ impl Track {
         let innovation_m = raster.column_difference(s.axis, self.filter.column) * column_m;
         let likeness = self.looks.known().map_or(0.0, |known| known.log_ratio(&s.appearance));
         self.agreement.see(s.manner, innovation_m, likeness);
+        self.as_afoot = self.looks.is_as_afoot(&s.appearance);
         self.filter.update(s.axis, sigma, raster);
         /// Nobody comes nearer or goes away by so much between frames.
         const ANOTHER: f64 = 0.5;
@@ -292,6 +301,9 @@ impl Track {
             let stands = self.filter.rate.abs() < STANDING_RATE * s.trunk_width;
             self.stand =
                 stands.then(|| Stand { at: now, column: self.axis, log_range: self.log_range, patch: self.patch() });
+            if s.moves {
+                self.looks.see_afoot(&s.appearance);
+            }
             if self.looks.see(&s.appearance) {
                 self.turning_point = Some(now);
             }

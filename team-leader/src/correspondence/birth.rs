@@ -305,7 +305,7 @@ impl Follower {
         });
         for m in &mut self.memories {
             if m.bound == Some(name) {
-                m.bound = None;
+                m.bind(None);
             }
             if m.bound == Some(id) {
                 m.bound = Some(name);

@@ -46,12 +46,21 @@ pub struct Memory {
     pub count: u32,
     /// Whose it is.
     pub bound: Option<TargetId>,
+    /// Frames in which it was that one's, apart from others and beyond doubt.
+    pub tenure: u32,
 }
 
 impl Memory {
     /// Whether it is this one.
     pub fn is(&self, robot: usize, track: TrackId) -> bool {
         self.robot == robot && self.track == track
+    }
+
+    /// It is somebody's from now on.
+    pub fn bind(&mut self, to: Option<TargetId>) {
+        if self.bound != to {
+            (self.bound, self.tenure) = (to, 0);
+        }
     }
 
     /// Bearing at `at`, with the rate of late.
@@ -84,6 +93,7 @@ impl Follower {
                         camera_height_m: frame.camera.height_m,
                         count: 1,
                         bound: None,
+                        tenure: 0,
                     });
                 }
                 continue;
@@ -99,6 +109,7 @@ impl Follower {
             m.top = sight.top;
             m.appearance = sight.appearance.or(m.appearance);
             m.count += 1;
+            m.tenure += u32::from(m.bound.is_some() && !sight.merged && !sight.doubtful);
             if !sight.merged {
                 m.cue = sight.cue;
             }

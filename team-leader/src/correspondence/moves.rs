@@ -16,6 +16,10 @@ const MOST_CHANGES: usize = 3;
 /// target takes one on that is nobody's, that it lets one go.
 const CHANGE: f64 = 3.0;
 const CHANGE_DOUBTFUL: f64 = 1.5;
+/// By what part of it more, where the track was its owner's for so many frames beyond doubt: what a robot follows in one go for long
+/// is one body.
+const OF_LONG: f64 = 4.0 / 3.0;
+const LONG: f64 = 20.0;
 const ADOPT: f64 = 0.8;
 const RELEASE: f64 = 1.5;
 /// A change may be as recent as this, seconds.
@@ -106,9 +110,10 @@ impl Follower {
             let sight = frames.find_map(|k| k.seen.sights.iter().find(|s| s.track == change.track));
             m.doubtful || sight.is_some_and(|s| s.doubtful || s.merged)
         };
+        let of_long = 1.0 + OF_LONG * (f64::from(m.tenure) / LONG).min(1.0);
         match (m.bound, change.to) {
-            (Some(_), Some(_)) if unsure() => CHANGE_DOUBTFUL,
-            (Some(_), Some(_)) => CHANGE,
+            (Some(_), Some(_)) if unsure() => CHANGE_DOUBTFUL * of_long,
+            (Some(_), Some(_)) => CHANGE * of_long,
             (None, Some(_)) => ADOPT,
             (Some(_), None) => RELEASE,
             (None, None) => 0.0,

@@ -24,11 +24,11 @@ const UNSURE_M: f64 = 0.15;
 /// How much less a range from feet, head and width says with every frame: the gait, the clothes, the shadow stay.
 const RANGE_REPEAT: f64 = 10.0;
 /// What a frame counts for, apart from others and in one region with them: errors of successive frames are alike.
-const TEMPER: f64 = 1.0;
+const TEMPER: f64 = 0.5;
 const TEMPER_MERGED: f64 = 0.3;
 /// What a squared sigma of a single robot's range is worth in a frame, nats, where the target's is known to this part: ranges
 /// of feet and heads err alike from frame to frame. The same for looks, which are told seldom.
-const CUE_WORTH: f64 = 0.1;
+const CUE_WORTH: f64 = 0.05;
 const KNOWN_RANGE: f64 = 0.3;
 const LOOKS_WORTH: f64 = 0.1;
 /// What a frame costs in which a robot that should see it does not, nats.

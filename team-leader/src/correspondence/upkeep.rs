@@ -36,7 +36,7 @@ impl Follower {
         for t in gone.into_iter().rev() {
             let f = self.targets.remove(t);
             for m in self.memories.iter_mut().filter(|m| m.bound == Some(f.id)) {
-                m.bound = None;
+                m.bind(None);
             }
             if f.is_confirmed() {
                 self.remember_departed(f);

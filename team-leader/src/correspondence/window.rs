@@ -162,7 +162,7 @@ impl Follower {
         }
         for change in &changes {
             if let Some(m) = self.memories.iter_mut().find(|m| m.is(change.robot, change.track)) {
-                m.bound = change.to;
+                m.bind(change.to);
             }
         }
     }

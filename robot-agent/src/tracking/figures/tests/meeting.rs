@@ -171,3 +171,35 @@ fn who_has_long_walked_alone_is_told_surely_and_who_is_new_or_beside_another_is_
         assert!(off_m.abs() < 4.0 * sigma_m, "at {t:.1} s: {off_m:.3} m off, {sigma_m:.3} told");
     }
 }
+
+/// In how many of 60 frames somebody is followed who stands where the robot saw nobody walk to, if the team says that he is at
+/// a distance known to `sigma_m`.
+fn frames_followed(sigma_m: Option<f64>) -> usize {
+    let mut room = Room::new([-15.0, 20.0]);
+    let mut tracker = Tracker::new(room.raster, room.view.clone(), TrackerSettings::default());
+    let stands = person(20.0, 2.5);
+    room.look(&[stands]);
+    let regions = crate::motion::group(&room.mask, &room.raster, [1, 1], 1);
+    let objects: Vec<_> = regions.into_iter().map(|region| Object { moves: false, region, ghost: false }).collect();
+    let mut followed = 0;
+    for frame in 0..60 {
+        let expected = |sigma_m: f64| Expected {
+            track: tracker.tracks().first().map(|t| t.id),
+            bearing_rad: stands.bearing,
+            bearing_sigma_rad: 0.1 / stands.range_m,
+            range_m: stands.range_m,
+            log_range_sigma: sigma_m / stands.range_m,
+        };
+        tracker.expect(sigma_m.map(expected).into_iter().collect());
+        let scene = Scene { picture: &room.picture, objects: &objects, ..room.scene() };
+        tracker.step(&scene, Timestamp::from_secs_f64(100.0 + 0.1 * f64::from(frame)), &[]);
+        followed += usize::from(tracker.tracks().len() == 1);
+    }
+    followed
+}
+
+#[test]
+fn who_stands_is_followed_where_the_others_surely_see_him_and_not_for_a_guess() {
+    let (sure, guessed, alone) = (frames_followed(Some(0.15)), frames_followed(Some(0.6)), frames_followed(None));
+    assert!(sure > 50 && guessed == 0 && alone == 0, "{sure} {guessed} {alone}");
+}
