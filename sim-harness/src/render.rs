@@ -9,6 +9,7 @@
 pub mod bench;
 mod camouflage;
 pub mod eyes;
+mod kept;
 pub mod light;
 pub mod moving;
 mod paint;
@@ -21,12 +22,16 @@ pub mod sensor;
 pub mod still;
 pub mod surface;
 
+use std::io;
+use std::path::Path;
 use std::sync::Arc;
 
+use crate::scenario::Scenario;
 use crate::world::body::Body;
 use crate::world::wardrobe::Clothes;
 use crate::world::{PersonState, RobotState, State, World};
 use eyes::Turn;
+use kept::Kept;
 use light::Caster;
 use moving::Mover;
 use rays::{Rays, Stand};
@@ -72,6 +77,8 @@ pub struct Renderer {
     half_field_rad: Option<f64>,
     /// Of a camera that turns.
     turn: Option<Turn>,
+    /// A file of pictures that were rendered before.
+    kept: Option<Kept>,
 }
 
 /// What moves in one picture, by pixel.
@@ -171,20 +178,45 @@ impl Renderer {
             pad: 0,
             half_field_rad: None,
             turn: None,
+            kept: None,
         };
         renderer.look_from(&first);
         renderer.expose();
         renderer
     }
 
+    /// Keeps its pictures in a file in a folder, which must be there, and takes those that are in it: a world of this scenario is rendered
+    /// once. A picture takes a byte a pixel there.
+    pub fn keep_in(&mut self, folder: &Path, scenario: &Scenario) -> io::Result<()> {
+        self.kept = Some(Kept::open(&kept::path(folder, scenario, self.world.seed(), self.robot)?)?);
+        Ok(())
+    }
+
     /// The picture at a true time.
     pub fn render(&mut self, time_s: f64) -> Picture {
+        match self.kept.take() {
+            Some(mut kept) => {
+                let (size, people) = (self.size().map(|n| n as u32), self.world.people_count());
+                let picture = kept.get(time_s, size, people, || self.picture(time_s));
+                self.kept = Some(kept);
+                picture
+            }
+            None => self.picture(time_s),
+        }
+    }
+
+    /// Pixels a row, and rows.
+    fn size(&self) -> [usize; 2] {
+        [self.rays.width, self.rays.height].map(|n| n - 2 * self.pad)
+    }
+
+    fn picture(&mut self, time_s: f64) -> Picture {
         let counted = match &mut self.turn {
             Some(turn) => turn.expose(time_s, &mut self.canvas.light, self.world.people_count()),
             None => self.gather(time_s),
         };
         let visible_fraction = self.shares(&self.world.at(time_s), &counted);
-        let [width, height] = [self.rays.width, self.rays.height].map(|n| n - 2 * self.pad);
+        let [width, height] = self.size();
         let wide = self.sensor.develop(&self.canvas.light, self.rays.width, self.gain, time_s);
         let gray = match self.pad {
             0 => wide,

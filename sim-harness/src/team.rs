@@ -18,7 +18,7 @@ pub mod simulated;
 pub mod truth;
 
 use std::collections::BTreeMap;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use protocol::id::{LeaderId, NameError, RobotId, TeamId};
 use robot_agent::agent::{AgentError, PictureKind};
@@ -77,7 +77,7 @@ pub enum TeamError {
     #[error("{file}: {reason}", file = file.display())]
     Recording {
         /// Which, with the line where there is one.
-        file: std::path::PathBuf,
+        file: PathBuf,
         /// Why, and what would be right.
         reason: String,
     },
@@ -85,7 +85,7 @@ pub enum TeamError {
     #[error("{path}: {source}", path = path.display())]
     Output {
         /// Where.
-        path: std::path::PathBuf,
+        path: PathBuf,
         /// Why.
         source: std::io::Error,
     },
@@ -104,6 +104,8 @@ pub struct TeamSettings {
     pub cameras: BTreeMap<RobotId, String>,
     /// Nobody listens to a team over Zenoh and nobody asks for pictures: only robots and leader speak, and the outcome has bytes alone.
     pub unwatched: bool,
+    /// A folder in which rendered pictures are kept from run to run; in virtual time.
+    pub pictures: Option<PathBuf>,
 }
 
 impl TeamSettings {

@@ -27,6 +27,9 @@ pub struct MotionArgs {
     /// Writes each trial's scenario (for `sim-harness record`) and what was seen beside the truth there
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
+    /// Keeps rendered pictures in that folder (a byte a pixel, 0.1 GB a trial), and takes those that are there
+    #[arg(long, value_name = "DIR")]
+    pictures: Option<PathBuf>,
     /// How to report
     #[arg(long, value_enum, default_value_t = Format::Text)]
     format: Format,
@@ -52,11 +55,11 @@ fn work(args: &MotionArgs) -> Result<(String, bool), String> {
     cases.sort();
     cases.dedup();
     let jobs: Vec<(Case, u64)> = cases.iter().flat_map(|c| args.seeds.0.iter().map(move |s| (*c, *s))).collect();
-    if let Some(out) = &args.out {
-        std::fs::create_dir_all(out).map_err(|e| format!("{}: {e}", out.display()))?;
+    for folder in args.out.iter().chain(&args.pictures) {
+        std::fs::create_dir_all(folder).map_err(|e| format!("{}: {e}", folder.display()))?;
     }
     let bar = ProgressBar::new(jobs.len() as u64);
-    let tallies = run_all(&jobs, args.threads as usize, |trial| {
+    let tallies = run_all(&jobs, args.threads as usize, args.pictures.as_deref(), |trial| {
         bar.inc(1);
         args.out.as_deref().map_or(Ok(()), |out| write_trial(out, trial))
     })?;
@@ -85,10 +88,11 @@ fn work(args: &MotionArgs) -> Result<(String, bool), String> {
 fn run_all(
     jobs: &[(Case, u64)],
     threads: usize,
+    pictures: Option<&Path>,
     done: impl Fn(&Trial) -> Result<(), String> + Sync,
 ) -> Result<Vec<Tally>, String> {
     let tallies = parallel::map(threads, jobs, |(case, seed)| {
-        let trial = run_trial(*case, *seed).map_err(|e: TrialError| e.to_string())?;
+        let trial = run_trial(*case, *seed, pictures).map_err(|e: TrialError| e.to_string())?;
         done(&trial).map(|()| Tally::of(&trial))
     });
     tallies.into_iter().collect()

@@ -1,6 +1,6 @@
 //! One run of a case: frames are rendered and worked by the agent, truth is kept beside what it said.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use protocol::frames::Pose2;
@@ -32,6 +32,14 @@ pub enum TrialError {
     /// The agent.
     #[error(transparent)]
     Agent(#[from] AgentError),
+    /// The folder of pictures.
+    #[error("{}: {source}", folder.display())]
+    Pictures {
+        /// Which.
+        folder: PathBuf,
+        /// Why.
+        source: std::io::Error,
+    },
 }
 
 /// A person as the robot should see it.
@@ -81,19 +89,19 @@ pub struct Trial {
     pub instants: Vec<Instant>,
 }
 
-/// Renders and works the frames of a case.
+/// Renders and works the frames of a case; `pictures` is a folder in which rendered ones are kept.
 ///
 /// # Errors
-/// A world that cannot be, or an agent that does not take its camera.
-pub fn run(case: Case, seed: u64) -> Result<Trial, TrialError> {
-    run_scenario(case, seed, case.scenario(seed))
+/// A world that cannot be, an agent that does not take its camera, or a folder that cannot be used.
+pub fn run(case: Case, seed: u64, pictures: Option<&Path>) -> Result<Trial, TrialError> {
+    run_scenario(case, seed, case.scenario(seed), pictures)
 }
 
 /// The same of a scenario of the case that was changed.
 ///
 /// # Errors
 /// See [`run`].
-pub fn run_scenario(case: Case, seed: u64, scenario: Scenario) -> Result<Trial, TrialError> {
+pub fn run_scenario(case: Case, seed: u64, scenario: Scenario, pictures: Option<&Path>) -> Result<Trial, TrialError> {
     let world = World::new(&scenario, seed).map_err(|source| TrialError::World { case: case.name(), seed, source })?;
     let world = Arc::new(world);
     let robot = &world.robots()[0];
@@ -105,6 +113,10 @@ pub fn run_scenario(case: Case, seed: u64, scenario: Scenario) -> Result<Trial, 
     settings.frame_rate_hz = scenario.capture.rate_hz;
     let mut agent = Agent::new(settings, camera, 1)?;
     let mut renderer = Renderer::team(&world).remove(0);
+    if let Some(folder) = pictures {
+        let kept = renderer.keep_in(folder, &scenario);
+        kept.map_err(|source| TrialError::Pictures { folder: folder.to_owned(), source })?;
+    }
     let mut instants = Vec::new();
     let mut out = Vec::new();
     for capture in &robot.captures {
@@ -188,7 +200,7 @@ mod tests {
             centre_px: [w, h].map(|side| (f64::from(side / 2) - 1.0) / 2.0),
             ..scenario.camera
         };
-        Tally::of(&run_scenario(case, seed, scenario).unwrap())
+        Tally::of(&run_scenario(case, seed, scenario, None).unwrap())
     }
 
     #[test]

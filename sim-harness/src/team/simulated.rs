@@ -106,7 +106,11 @@ impl Team {
         let duration_s = settings.duration_s(&world);
         let mut robots = Vec::new();
         let names = settings.names(&world);
-        for ((index, robot), renderer) in world.robots().iter().enumerate().zip(Renderer::team(&world)) {
+        for ((index, robot), mut renderer) in world.robots().iter().enumerate().zip(Renderer::team(&world)) {
+            if let Some(folder) = &settings.pictures {
+                let kept = renderer.keep_in(folder, scenario);
+                kept.map_err(|source| TeamError::Output { path: folder.clone(), source })?;
+            }
             let captures = robot.captures.iter().filter(|c| c.true_time_s <= duration_s).copied().collect();
             let mut agent_settings = AgentSettings::new(names[index], scenario.marker_of(&robot.id));
             agent_settings.frame_rate_hz = scenario.capture_of(&robot.id).rate_hz;
