@@ -32,12 +32,13 @@ enum State {
     Closed,
 }
 
-/// The file of a robot's pictures in a folder: another scenario, seed or robot is another file.
+/// The file of a robot's pictures in a folder: another scenario, seed or robot is another file. The scenario's own name is in the hash alone, for
+/// it may hold what no file's name may.
 pub(super) fn path(folder: &Path, scenario: &Scenario, seed: u64, robot: usize) -> io::Result<PathBuf> {
     let text = toml::to_string(&Scenario { seed, ..scenario.clone() }).map_err(io::Error::other)?;
     let mut hasher = DefaultHasher::new();
     text.hash(&mut hasher);
-    Ok(folder.join(format!("{}-{seed}-{}-{:016x}.frames", scenario.name, robot + 1, hasher.finish())))
+    Ok(folder.join(format!("{:016x}-seed-{seed}-robot-{}.frames", hasher.finish(), robot + 1)))
 }
 
 impl Kept {
@@ -47,7 +48,7 @@ impl Kept {
         Ok(Self { file, state, at: 0 })
     }
 
-    /// The picture of an instant, from the file where it is there; `like` says its size and how many people there are.
+    /// The picture of an instant, from the file where it is there: `size` is pixels a row and rows, `people` how many there are.
     pub(super) fn get(
         &mut self,
         time_s: f64,
@@ -59,14 +60,19 @@ impl Kept {
             State::Doubted | State::Read => self.read(time_s, size, people).ok(),
             State::Written | State::Closed => None,
         };
-        if let (State::Read, Some(picture)) = (self.state, &known) {
-            return picture.clone();
-        }
-        let picture = render();
-        match self.state {
-            State::Doubted if known.as_ref() == Some(&picture) => self.state = State::Read,
-            State::Doubted | State::Read => self.begin_writing(),
-            State::Written | State::Closed => {}
+        let picture = match known {
+            Some(known) if self.state == State::Read => return known,
+            doubted => {
+                let picture = render();
+                if doubted.as_ref() == Some(&picture) {
+                    self.state = State::Read;
+                    return picture;
+                }
+                picture
+            }
+        };
+        if matches!(self.state, State::Doubted | State::Read) {
+            self.begin_writing();
         }
         if self.state == State::Written && self.write(time_s, &picture).is_err() {
             self.state = State::Closed;
@@ -140,6 +146,15 @@ mod tests {
         // Another renderer.
         assert_eq!(ask(&path, &[0.0, 1.5, 2.0], 7), [0.0, 1.5, 2.0]);
         assert_eq!(ask(&path, &[0.0, 1.5, 2.0], 7), [0.0]);
+    }
+
+    #[test]
+    fn whatever_a_scenario_is_called_its_file_is_in_the_folder() {
+        let scenario = Scenario::builtin("tiny").unwrap().unwrap();
+        let folder = Path::new("folder");
+        let at = |name: &str| path(folder, &Scenario { name: name.to_owned(), ..scenario.clone() }, 7, 0).unwrap();
+        assert_eq!(at("../a room/of mine").parent(), Some(folder));
+        assert_ne!(at("one"), at("other"));
     }
 
     #[test]
