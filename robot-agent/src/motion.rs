@@ -41,6 +41,7 @@ use background::Learnt;
 pub use background::{Background, BackgroundMode, LearningRate};
 pub use drawing::{Canvas, Drawing};
 pub use gate::{region_moves, scene_changed};
+pub use ghost::Outline;
 pub use raster::{Arc, Raster};
 pub(crate) use regions::Run;
 pub use regions::{MAX_RUNS, Region, group};
@@ -158,8 +159,15 @@ pub struct Object {
     pub region: Region,
     /// Whether it passes the change gate: it differs from the frame before.
     pub moves: bool,
+    /// What its outline is an edge of.
+    pub outline: Outline,
+}
+
+impl Object {
     /// Whether its outline belongs to the background: somebody has left.
-    pub ghost: bool,
+    pub fn is_ghost(&self) -> bool {
+        self.outline == Outline::Background
+    }
 }
 
 /// What the tracker sees of a frame.
@@ -499,7 +507,7 @@ impl MotionStage {
         for region in regions {
             let moves = self.moves(&region);
             let steps = ghost::outline_steps(&region, &self.picture, &self.background.level, &self.raster);
-            self.objects.push(Object { moves, ghost: steps.is_ghost(), region });
+            self.objects.push(Object { moves, outline: steps.belong_to(), region });
         }
         for object in &self.objects {
             self.work.note_patch(&Patch { arc: object.region.arc, rows: object.region.rows });
@@ -649,7 +657,7 @@ impl MotionStage {
                 let pixels = row * self.raster.width + start..row * self.raster.width + start + len;
                 self.magnitude[pixels].fill(u8::MAX);
             }
-            self.objects.push(Object { region, moves: true, ghost: false });
+            self.objects.push(Object { region, moves: true, outline: Outline::Unclear });
         }
         self.draw_objects();
         Ok(Change { motion: self.motion, background: self.state, alarm: None })
@@ -823,7 +831,7 @@ impl MotionStage {
     /// Still regions whose outline lies in the background for some frames: take over what is there now.
     fn remove_ghosts(&mut self) {
         let mut seen = Vec::new();
-        for object in self.objects.iter().filter(|o| o.ghost && !o.moves) {
+        for object in self.objects.iter().filter(|o| o.is_ghost() && !o.moves) {
             let patch = Patch { arc: object.region.arc, rows: object.region.rows };
             let before = self.ghosts.iter().find(|(p, _)| similar(p, &patch, &self.raster)).map_or(0, |(_, n)| *n);
             seen.push((patch, before + 1));
@@ -848,7 +856,7 @@ impl MotionStage {
         }
         let gone = |o: &Object| {
             let patch = Patch { arc: o.region.arc, rows: o.region.rows };
-            o.ghost && !o.moves && seen.iter().any(|(p, n)| *p == patch && believed(p, *n))
+            o.is_ghost() && !o.moves && seen.iter().any(|(p, n)| *p == patch && believed(p, *n))
         };
         self.objects.retain(|o| !gone(o));
         self.ghosts = seen;

@@ -251,7 +251,7 @@ impl Tracker {
         let mut regions: Vec<Region> = Vec::new();
         for object in self.usable_objects(scene) {
             let bodies = pairs::bodies(&object.region, &self.raster);
-            traits.extend(bodies.iter().map(|_| (object.moves, object.ghost)));
+            traits.extend(bodies.iter().map(|_| (object.moves, object.is_ghost())));
             regions.extend(bodies);
         }
         let mut bodies: Vec<Body> = regions.iter().map(|r| Body::measure(r, scene)).collect();
@@ -380,7 +380,7 @@ impl Tracker {
             .iter()
             .filter(|o| {
                 let near = |t: &&Track| t.predicted_arc(&self.raster).overlap(&o.region.arc, &self.raster) > 0;
-                if o.ghost && !o.moves {
+                if o.is_ghost() && !o.moves {
                     return self.tracks.iter().filter(near).any(|t| t.confirmed && t.travelled > t.shape.w);
                 }
                 o.moves || self.tracks.iter().any(|t| near(&t))
@@ -579,7 +579,7 @@ impl Tracker {
             // Ghosts and flicker stay where they are born; people do not.
             let comes = track.moving_hits >= self.settings.confirm_hits || track.looks.in_doubt() && track.has_come();
             let comes = comes && (self.figures.is_some() || track.goes_somewhere());
-            let comes = comes || track.vouched_hits >= self.settings.confirm_hits;
+            let comes = comes || track.vouched_hits >= self.settings.confirm_hits || track.is_solid();
             if !track.confirmed && track.hits >= self.settings.confirm_hits && comes {
                 track.confirmed = true;
                 track.turning_point = Some(now);

@@ -159,7 +159,7 @@ pub fn run(frames: &Frames, warm: usize) -> Result<Report, BenchError> {
         for (all, lap) in laps.iter_mut().zip(lap) {
             all.push(lap);
         }
-        detections += motion.scene().objects.iter().filter(|o| o.moves && !o.ghost).count();
+        detections += motion.scene().objects.iter().filter(|o| o.moves && !o.is_ghost()).count();
         published += tracks.len();
         ids.extend(tracks.iter().map(|t| t.id));
     }

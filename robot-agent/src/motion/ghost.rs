@@ -55,10 +55,27 @@ pub(crate) fn outline_steps(region: &Region, picture: &[u8], background: &[u16],
     votes
 }
 
+/// What an outline is an edge of.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Outline {
+    /// The picture: somebody is there.
+    Picture,
+    /// The background: somebody has left.
+    Background,
+    /// Hard to tell.
+    #[default]
+    Unclear,
+}
+
 impl OutlineSteps {
-    /// Whether the outline belongs to the background.
-    pub(crate) fn is_ghost(&self) -> bool {
-        self.background >= LEAST_PLACES && 2 * self.background > 3 * self.picture
+    pub(crate) fn belong_to(&self) -> Outline {
+        if self.background >= LEAST_PLACES && 2 * self.background > 3 * self.picture {
+            Outline::Background
+        } else if self.picture >= LEAST_PLACES && self.picture > 2 * self.background {
+            Outline::Picture
+        } else {
+            Outline::Unclear
+        }
     }
 }
 

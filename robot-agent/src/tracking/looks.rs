@@ -16,6 +16,8 @@ use crate::motion::{Region, Scene};
 const HALF_M: f64 = 0.2;
 /// Fewest pixels of a band that is seen.
 const LEAST_PIXELS: f64 = 12.0;
+/// Fewest pixels below another that tell of a band's grain.
+const LEAST_PAIRS: f64 = 8.0;
 /// Frames apart from which on somebody is known, and sights of somebody in doubt that are enough to decide.
 const KNOWN_SIGHTS: u32 = 5;
 const DECIDING_SIGHTS: u32 = 10;
@@ -30,7 +32,7 @@ const AS_AFOOT: f64 = 0.5;
 /// Gain of an exchange that is believed, nats.
 const EXCHANGED: f64 = 1.0;
 /// Somebody so unlike himself before is somebody else, nats.
-const SOMEBODY_ELSE: f64 = -2.0;
+const SOMEBODY_ELSE: f64 = -5.0;
 /// Sights at which what is known is told anew.
 const TOLD_AT: [u32; 2] = [12, 40];
 
@@ -39,6 +41,8 @@ pub(super) fn appearance(region: &Region, scene: &Scene<'_>, view: &View, axis: 
     let width = scene.raster.width;
     let camera_m = view.height_m.map_or(0.6, |(h, _)| h);
     let mut sums = [[0.0; 3]; BANDS];
+    // Pixels below another of somebody, and by how much they differ from it.
+    let mut steps = [[0.0; 2]; BANDS];
     for (row, start, len) in region.spans() {
         let Some((_, elevation)) = view.angles_rad(axis, row as f64) else { continue };
         let band = (camera_m + range_m * elevation.tan()) / BAND_M;
@@ -49,17 +53,26 @@ pub(super) fn appearance(region: &Region, scene: &Scene<'_>, view: &View, axis: 
         let first = scene.raster.column_difference(start as f64, axis);
         let skipped = (-half - first).ceil().max(0.0) as usize;
         let end = ((half - first).floor() + 1.0).clamp(0.0, len as f64) as usize;
-        let sum = &mut sums[band as usize];
-        for &p in scene.picture[row * width + start..][..len].get(skipped..end).unwrap_or_default() {
-            let p = f64::from(p);
+        let (sum, steps) = (&mut sums[band as usize], &mut steps[band as usize]);
+        for at in (row * width + start..).take(len).take(end).skip(skipped) {
+            let p = f64::from(scene.picture[at]);
             for (s, v) in sum.iter_mut().zip([1.0, p, p * p]) {
                 *s += v;
             }
+            if let Some(above) = at.checked_sub(width).filter(|above| scene.mask[*above] != 0) {
+                steps[0] += 1.0;
+                steps[1] += (p - f64::from(scene.picture[above])).abs();
+            }
         }
     }
-    Appearance(sums.map(|[n, sum, squares]| {
-        (n >= LEAST_PIXELS).then(|| Band::of(sum / n, (squares / n - (sum / n).powi(2)).max(0.0).sqrt()))
-    }))
+    let mut bands = sums.into_iter().zip(steps).map(|([n, sum, squares], [pairs, steps])| {
+        (n >= LEAST_PIXELS).then(|| {
+            let mean = sum / n;
+            let band = Band::of(mean, (squares / n - mean.powi(2)).max(0.0).sqrt());
+            Band { grain: (pairs >= LEAST_PAIRS).then(|| steps / pairs / mean.max(1.0)), ..band }
+        })
+    });
+    Appearance(std::array::from_fn(|_| bands.next().flatten()))
 }
 
 /// What a track looks like.
@@ -285,7 +298,8 @@ mod tests {
         assert_eq!(judged([(&dark, &bright), (&bright, &dark)], 3), None, "too early");
         // Two who look alike keep their numbers.
         assert_eq!(judged([(&dark, &dark), (&dark, &dark)], 12), Some(Verdict::Same));
-        let stranger = met(&dark, &bright, 12);
+        // In brighter light he may look so; in a bright skirt and a dark shirt not.
+        let stranger = met(&dark, &clothes(90.0, 30.0), 12);
         assert_eq!(judge(&[(&stranger, true)], 0), Some(Verdict::SomebodyElse));
     }
 

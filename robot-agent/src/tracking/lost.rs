@@ -10,7 +10,6 @@ use protocol::id::TrackId;
 use protocol::time::Timestamp;
 
 use super::looks::Looks;
-use super::people::BEHIND_ALIKE;
 use super::track::{Sighting, Track};
 use crate::motion::{Patch, Raster};
 
@@ -25,6 +24,8 @@ const NEAR: f64 = 0.7;
 const NEAR_LOG_RANGE: f64 = 0.4;
 /// The same ratio of somebody who was behind others: how far away he was is known badly.
 const BEHIND_LOG_RANGE: f64 = 0.6;
+/// Whoever is seen anew is somebody lost if he looks so much like him, nats.
+const ALIKE: f64 = 0.5;
 
 /// Where somebody was last seen apart from others and standing.
 #[derive(Debug, Clone, Copy)]
@@ -84,11 +85,15 @@ impl LostPeople {
         let all = || self.0.iter().enumerate();
         let stood = all().filter(|(_, l)| stands(l)).min_by(|a, b| places(a.1).total_cmp(&places(b.1)));
         let alike = |l: &Lost| l.looks.firm().map_or(f64::NEG_INFINITY, |known| found.appearance.log_ratio(known));
-        let comes_out =
-            |l: &Lost| l.behind && away(l) < reach && farther(l) < BEHIND_LOG_RANGE && alike(l) > BEHIND_ALIKE;
+        let comes_out = |l: &Lost| l.behind && away(l) < reach && farther(l) < BEHIND_LOG_RANGE && alike(l) > ALIKE;
         let hidden = || all().filter(|(_, l)| comes_out(l)).max_by(|a, b| alike(a.1).total_cmp(&alike(b.1)));
         let (k, _) = stood.or_else(hidden)?;
         Some(self.0.swap_remove(k))
+    }
+
+    /// Columns where they were.
+    pub(super) fn columns(&self) -> impl Iterator<Item = f64> + '_ {
+        self.0.iter().map(|l| l.stand.column)
     }
 
     /// Where they stood.

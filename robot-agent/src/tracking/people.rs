@@ -8,9 +8,9 @@ use protocol::time::Timestamp;
 use super::body::solid_rows;
 use super::figures::{Figure, Figures, Shape, Sought};
 use super::told::Manner;
-use super::track::Sighting;
+use super::track::{Sighting, Track};
 use super::{PeerBearing, Tracker, association, looks};
-use crate::motion::{Object, Region, Scene};
+use crate::motion::{Object, Outline, Region, Scene};
 
 /// What a figure must explain in a frame to be seen, and of late to exist, beyond what seniors explain.
 const LEAST_EVIDENCE: f32 = 0.12;
@@ -26,7 +26,7 @@ const TOLD_EVIDENCE: f32 = 0.4;
 const COVERED: f32 = 0.5;
 const BEHIND_M: f64 = 0.25;
 /// How much he must look like himself when he comes out, nats, and what is taken to speak for him until then.
-pub(super) const BEHIND_ALIKE: f64 = 0.5;
+const BEHIND_ALIKE: f64 = -2.0;
 const COVERED_EVIDENCE: f32 = 0.3;
 /// Own share from which on somebody in doubt is compared with those who were beside him.
 const COMPARED_OWN: f32 = 0.6;
@@ -42,7 +42,7 @@ const ROBOT_SIDE_RAD: f64 = 0.02;
 const OUT_M: f64 = 0.7;
 const OUT_LOG_RANGE: f64 = 0.7;
 const MOST_ELSEWHERE: f32 = 0.8;
-const LEAST_ALIKE: f64 = -1.0;
+const LEAST_ALIKE: f64 = -3.0;
 
 /// Whoever was hidden by others for long comes out no further from where he was last thought to be, metres.
 const WANDERED_M: f64 = 1.2;
@@ -60,7 +60,7 @@ const SOLID_HEAD: f64 = 0.25;
 struct Look {
     sighting: Sighting,
     area: usize,
-    ghost: bool,
+    outline: Outline,
 }
 
 impl Tracker {
@@ -119,7 +119,7 @@ impl Tracker {
         }
         self.suspect(&figures, &all, &now, capture);
         for ((k, figure), look) in all.iter().enumerate().skip(known).zip(looks) {
-            let Some(look) = look.filter(|l| !l.ghost) else { continue };
+            let Some(look) = look.filter(|l| l.outline != Outline::Background) else { continue };
             let others_see = k < told;
             let enough = figure.own >= NEW_OWN
                 && figure.support >= NEW_SUPPORT
@@ -135,11 +135,14 @@ impl Tracker {
             if enough && self.tracks.len() < association::MAX_SIDE {
                 let reach = figures.columns_of(WANDERED_M, figure.range_m);
                 let returned = self.lost.take(&look.sighting, reach, capture, &self.raster);
-                if !look.sighting.moves && returned.is_none() && !others_see {
+                // What stands may be the trace of somebody who has left, or a chair; or it is who was lost from sight there.
+                let may_be_lost =
+                    look.outline == Outline::Picture && self.misses_somebody_at(look.sighting.axis, reach);
+                if !look.sighting.moves && returned.is_none() && !others_see && !may_be_lost {
                     continue;
                 }
                 let id = returned.as_ref().map_or_else(|| self.next_track_id(), |lost| lost.id);
-                let mut track = super::Track::of_figure(id, &look.sighting, capture);
+                let mut track = Track::of_figure(id, &look.sighting, capture);
                 if let Some(lost) = returned {
                     track.returns(lost.looks);
                 }
@@ -158,6 +161,13 @@ impl Tracker {
         // Whom nothing speaks for that seniors do not explain is a part of them.
         self.keep_tracks(|t| t.evidence > LEAST_MEAN_EVIDENCE);
         self.figures = Some(figures);
+    }
+
+    /// Whether somebody is hidden, or was lost behind others, within `reach` columns of a place.
+    fn misses_somebody_at(&self, column: f64, reach: f64) -> bool {
+        let near = |other: f64| self.raster.column_difference(column, other).abs() < reach;
+        let hidden = |t: &Track| t.confirmed && t.state == TrackState::Hidden && near(t.filter.column);
+        self.tracks.iter().any(hidden) || self.lost.columns().any(near)
     }
 
     /// Whether people who are in doubt go on under each other's numbers. `now`: what the tracks look like in this frame.
@@ -194,7 +204,6 @@ impl Tracker {
             let away = self.raster.column_difference(track.filter.column, sighting.axis).abs();
             track.confirmed
                 && track.looks.in_doubt()
-                && track.state != TrackState::Visible
                 && away < reach
                 && (found.range_m.ln() - track.log_range).abs() < OUT_LOG_RANGE
                 && figures.needed(sought, *t) < MOST_ELSEWHERE * found.evidence
@@ -230,13 +239,20 @@ impl Tracker {
         robots: &[Robot],
     ) -> Look {
         let step = self.view.steps_rad(axis, self.raster.height as f64 / 2.0)[0];
-        let (mut moves, mut ghosts) = (0usize, 0usize);
+        let (mut moves, mut ghosts, mut bodies) = (0usize, 0usize, 0usize);
         for (row, start, len) in region.spans() {
             for m in &moving[row * self.raster.width + start..][..len] {
                 moves += usize::from(*m == MOVES);
                 ghosts += usize::from(*m == GHOST);
+                bodies += usize::from(*m == BODY);
             }
         }
+        let most = |pixels: usize| pixels as f64 > 0.5 * region.area as f64;
+        let outline = match (most(ghosts), most(bodies)) {
+            (true, _) => Outline::Background,
+            (_, true) => Outline::Picture,
+            _ => Outline::Unclear,
+        };
         let alone = figure.own >= ALONE;
         let axis = if alone { axis } else { figure.column };
         let trunk_width = (SHOULDERS_M / figure.range_m).atan() / step;
@@ -254,6 +270,7 @@ impl Tracker {
             head: self.has_head(region, figure.range_m, step),
             alone,
             apart: figure.apart >= ALONE,
+            solid: outline == Outline::Picture,
             moves: moves as f64 > MOVING * region.area as f64,
             appearance: looks::appearance(region, scene, &self.view, axis, figure.range_m),
             manner: Manner {
@@ -263,7 +280,7 @@ impl Tracker {
                 aside_m: self.raster.column_difference(axis, figure.column) * step * figure.range_m,
             },
         };
-        Look { sighting, area: region.area, ghost: ghosts as f64 > 0.5 * region.area as f64 }
+        Look { sighting, area: region.area, outline }
     }
 }
 
@@ -293,17 +310,17 @@ fn axis_sigma_m(figure: &Figure) -> f64 {
 
 const MOVES: u8 = 1;
 const GHOST: u8 = 2;
+const BODY: u8 = 3;
 
-/// For each pixel whether it is in an object that moves or in a ghost.
+/// For each pixel whether it is in an object that moves, in a ghost, or in what stands out of the background and still stands.
 fn mark_moving(scene: &Scene<'_>) -> Vec<u8> {
     let mut marks = vec![0; scene.raster.len()];
-    for Object { region, moves, ghost } in scene.objects {
-        let mark = if *moves {
-            MOVES
-        } else if *ghost {
-            GHOST
-        } else {
-            continue;
+    for Object { region, moves, outline } in scene.objects {
+        let mark = match (moves, outline) {
+            (true, _) => MOVES,
+            (_, Outline::Background) => GHOST,
+            (_, Outline::Picture) => BODY,
+            (_, Outline::Unclear) => continue,
         };
         for (row, start, len) in region.spans() {
             marks[row * scene.raster.width + start..][..len].fill(mark);

@@ -32,6 +32,8 @@ use crate::motion::{Arc, Patch, Raster};
 const STANDING_RATE: f64 = 0.4;
 /// Part of the usual acceleration that is expected of who stands.
 const STEADY: f64 = 0.25;
+/// Sightings in which somebody stands out of the background, after which he has come from somewhere: born as he stopped.
+const SOLID_HITS: u32 = 8;
 
 /// A moving object that is followed.
 #[derive(Debug, Clone)]
@@ -66,6 +68,8 @@ pub(super) struct Track {
     /// When the team last saw it, too, and in how many sightings.
     pub(super) vouched: Timestamp,
     pub(super) vouched_hits: u32,
+    /// Sightings in which it stood, nobody in front, with an outline that is in the picture and not in the background.
+    pub(super) solid_hits: u32,
     /// Sightings in which it moved and was no ghost.
     pub(super) moving_hits: u32,
     /// When something in a picture last spoke for it.
@@ -120,6 +124,8 @@ pub(super) struct Sighting {
     pub(super) alone: bool,
     pub(super) apart: bool,
     pub(super) moves: bool,
+    /// It stands and its outline is in the picture, not in the background.
+    pub(super) solid: bool,
     /// How well the figure fits: 1 as an average person.
     pub(super) support: f64,
     /// A fellow robot may stand before the feet.
@@ -159,6 +165,7 @@ impl Track {
             alone: true,
             apart: true,
             moves: true,
+            solid: false,
             support: 1.0,
             feet_hidden: false,
             head: true,
@@ -202,6 +209,7 @@ impl Track {
             supported: now,
             vouched: Timestamp::default(),
             vouched_hits: 0,
+            solid_hits: 0,
             born: now,
             born_at: s.axis,
             travelled: 0.0,
@@ -315,6 +323,7 @@ impl Track {
         self.supported = now;
         let aside = raster.column_difference(self.axis, self.born_at).abs();
         self.travelled = self.travelled.max(aside);
+        self.solid_hits = self.solid_hits.saturating_add(u32::from(s.solid && s.alone));
         self.note_seen(s.moves, now);
     }
 
@@ -443,9 +452,15 @@ impl Track {
         }
     }
 
-    /// Whether it has been seen to move by its own breadth: what has not may be the trace of somebody who left.
+    /// Whether it has been seen to move by its own breadth, or to stand out of the background for long: what has not may be the trace of
+    /// somebody who left.
     pub(super) fn has_come(&self) -> bool {
-        self.travelled > self.shape.w.min(40.0)
+        self.travelled > self.shape.w.min(40.0) || self.is_solid()
+    }
+
+    /// Whether it has stood out of the background for long.
+    pub(super) fn is_solid(&self) -> bool {
+        self.solid_hits >= SOLID_HITS
     }
 
     /// Whether it has come by a part of its size: what flickers stays where it is, the smaller the surer.

@@ -28,7 +28,7 @@ const STRAYED: (f64, f64, f64) = (0.3, 0.5, 2.5);
 const HEADED_S: f64 = 1.0;
 /// Standard deviation of a top seen by one frame, metres, and the part of tops that are somebody's hand or hat.
 const TOP_M: f64 = 0.06;
-const WRONG_TOP: f64 = 0.3;
+const WRONG_TOP: f64 = 0.15;
 /// What a new target is worth against an old one: densities of places (1/m²) and of tops (1/m) of anybody.
 const NEW_PLACE: f64 = 1.0 / 40.0;
 const NEW_TOP: f64 = 1.5;
@@ -39,6 +39,9 @@ const REMEMBERED_S: f64 = 12.0;
 const FOLLOW_LOOKS: f64 = 0.02;
 const LOOKS_WORTH: f64 = 0.5;
 const MOST_LOOKS: f64 = 4.0;
+/// The same of the height of its top, and from how many sights of it on that is known.
+const FOLLOW_TOP: f64 = 0.01;
+const KNOWN_TOP: u32 = 30;
 /// Most dropped targets remembered.
 const MAX_DEPARTED: usize = 64;
 
@@ -71,24 +74,50 @@ impl Past {
     }
 }
 
-/// What a target looks like: as each robot sees it, of late.
+/// What a target looks like: its clothes as each robot sees them, and how tall it is, of late.
 #[derive(Debug, Clone, Default)]
-pub struct Looks(Vec<(usize, Appearance)>);
+pub struct Looks {
+    clothes: Vec<(usize, Appearance)>,
+    /// Mean height of its top over the floor, metres, and how many sights that is of.
+    top: (f64, u32),
+}
 
 impl Looks {
-    /// What a robot tells of it.
+    /// What a robot tells of its clothes.
     pub fn see(&mut self, robot: usize, appearance: &Appearance) {
-        match self.0.iter_mut().find(|(r, _)| *r == robot) {
+        match self.clothes.iter_mut().find(|(r, _)| *r == robot) {
             Some((_, known)) => known.follow(appearance, FOLLOW_LOOKS),
-            None => self.0.push((robot, *appearance)),
+            None => self.clothes.push((robot, *appearance)),
         }
+    }
+
+    /// A height of its top, metres.
+    pub fn see_top(&mut self, top_m: f64) {
+        let (mean, sights) = &mut self.top;
+        *sights = sights.saturating_add(1);
+        *mean += (top_m - *mean) * (1.0 / f64::from(*sights)).max(FOLLOW_TOP);
+    }
+
+    /// How much speaks for somebody whose top is seen at a height (m, with variance) being the target, nats; 0 where too little is known.
+    pub fn as_tall(&self, top_m: f64, var: f64) -> f64 {
+        let (mean, sights) = self.top;
+        if sights < KNOWN_TOP {
+            return 0.0;
+        }
+        log_ratio_of_tops(top_m - mean, var + TOP_M * TOP_M)
     }
 
     /// How much speaks for somebody who looks like this being the target, nats; 0 where nothing is known.
     pub fn resemblance(&self, appearance: &Appearance) -> f64 {
-        let sum: f64 = self.0.iter().map(|(_, known)| known.log_ratio(appearance)).sum();
-        (sum / self.0.len().max(1) as f64).clamp(-MOST_LOOKS, MOST_LOOKS)
+        let sum: f64 = self.clothes.iter().map(|(_, known)| known.log_ratio(appearance)).sum();
+        (sum / self.clothes.len().max(1) as f64).clamp(-MOST_LOOKS, MOST_LOOKS)
     }
+}
+
+/// How much a top so far from where somebody's is speaks for its being his, nats against anybody's.
+fn log_ratio_of_tops(apart_m: f64, var: f64) -> f64 {
+    let right = (-0.5 * apart_m * apart_m / var).exp() / (TAU * var).sqrt();
+    ((1.0 - WRONG_TOP) * right / NEW_TOP + WRONG_TOP).ln()
 }
 
 impl Follower {
@@ -110,11 +139,7 @@ impl Follower {
     ) -> f64 {
         let by_place = known.past.log_density(position, self.newest) - NEW_PLACE.ln();
         let ((mean, var), seen) = known.state.target.top_m();
-        let by_top = top_m.filter(|_| seen).map_or(0.0, |top| {
-            let var = var + TOP_M * TOP_M;
-            let right = (-0.5 * (top - mean).powi(2) / var).exp() / (TAU * var).sqrt();
-            ((1.0 - WRONG_TOP) * right / NEW_TOP + WRONG_TOP).ln()
-        });
+        let by_top = top_m.filter(|_| seen).map_or(0.0, |top| log_ratio_of_tops(top - mean, var + TOP_M * TOP_M));
         let by_looks: f64 = looks.iter().map(|a| known.looks.resemblance(a)).sum::<f64>() / looks.len().max(1) as f64;
         by_place + by_top + LOOKS_WORTH * by_looks
     }
@@ -182,5 +207,18 @@ mod tests {
         let density = |x: f64, y: f64| past.log_density(Vector2::new(x, y), at(2.1));
         assert!(density(2.1, 0.0) > density(1.2, 0.0) + 0.5);
         assert!(density(2.1, 0.0) > density(5.0, 5.0) + 3.0);
+    }
+
+    #[test]
+    fn who_is_known_to_be_tall_is_not_who_shows_a_low_top() {
+        let mut looks = Looks::default();
+        for k in 0..KNOWN_TOP {
+            assert_eq!(looks.as_tall(1.9, 0.002), 0.0, "after {k} sights");
+            looks.see_top(if k % 2 == 0 { 1.88 } else { 1.92 });
+        }
+        let (own, others, hat) = (looks.as_tall(1.93, 0.002), looks.as_tall(1.6, 0.002), looks.as_tall(2.6, 0.002));
+        assert!(own > 0.5 && others < -0.5, "{own} {others}");
+        // One wrong end never says much.
+        assert!(hat > -3.0, "{hat}");
     }
 }

@@ -18,7 +18,7 @@ use crate::stereo::triangulate::height_m;
 /// Variance below which the height of a top does not fall, m².
 const TOP_FLOOR_VAR: f64 = 0.0016;
 /// A frame never counts for less than this part of a frame with an error of its own.
-pub const MOST_REPEAT: f64 = 2.5;
+pub const MOST_REPEAT: f64 = 3.0;
 /// Where the rays leave the place so unsure (larger axis, metres), ranges from feet, head and width help.
 const UNSURE_M: f64 = 0.15;
 /// How much less a range from feet, head and width says with every frame: the gait, the clothes, the shadow stay.
@@ -31,6 +31,8 @@ const TEMPER_MERGED: f64 = 0.3;
 const CUE_WORTH: f64 = 0.05;
 const KNOWN_RANGE: f64 = 0.3;
 const LOOKS_WORTH: f64 = 0.1;
+/// What the height of a top counts for in a frame, beside the bearing.
+const TOP_WORTH: f64 = 0.2;
 /// What a frame costs in which a robot that should see it does not, nats.
 const UNSEEN: f64 = 0.4;
 /// How far away a robot may miss people, metres.
@@ -160,6 +162,13 @@ impl State {
         (range_m, d2, var)
     }
 
+    /// The height over the floor, metres, of the top that a sight shows, with its variance.
+    pub fn top_of(&self, seen: &Seen, sight: &Sight) -> Option<(f64, f64)> {
+        let (elevation, sigma) = sight.top?;
+        let range_m = self.target.range_m(&seen.pose, seen.at);
+        Some(height_m(seen.camera.height_m, range_m, elevation, sigma, self.target.sigma_m().powi(2)))
+    }
+
     /// How well a sight fits, nats against clutter.
     pub fn worth(&self, seen: &Seen, sight: &Sight, context: &Context<'_>) -> f64 {
         let (_, d2, var) = self.fit(seen, sight, context);
@@ -173,6 +182,9 @@ impl State {
         self.score += against_clutter(sight, d2, var);
         if sigma_m < KNOWN_RANGE * range_m {
             self.score -= CUE_WORTH * sight.cue.cost(range_m);
+        }
+        if let Some((top, var)) = self.top_of(seen, sight) {
+            self.score += TOP_WORTH * looks.as_tall(top, var);
         }
         if let (Some(appearance), false) = (&sight.appearance, sight.doubtful) {
             self.score += LOOKS_WORTH * looks.resemblance(appearance);
@@ -204,9 +216,7 @@ impl State {
             let cue_m = log_range.exp();
             self.target.update_range(&seen.pose, cue_m, (spread * cue_m).powi(2) * RANGE_REPEAT);
         }
-        if let Some((elevation, sigma)) = sight.top {
-            let range_var = self.target.sigma_m().powi(2);
-            let (top, var) = height_m(seen.camera.height_m, range_m, elevation, sigma, range_var);
+        if let Some((top, var)) = self.top_of(seen, sight) {
             self.target.update_top(top, var * repeat + TOP_FLOOR_VAR, TOP_FLOOR_VAR);
         }
     }

@@ -194,10 +194,15 @@ impl Follower {
         if self.settled.len() < MAX_WINDOW {
             self.settled.push(kept.settled());
         }
-        for (sight, owner) in kept.seen.sights.iter().zip(&kept.owners) {
-            let (Some(appearance), Some(id), false) = (&sight.appearance, owner, sight.doubtful) else { continue };
-            if let Some(followed) = self.targets.iter_mut().find(|f| f.id == *id) {
+        for (sight, owner) in kept.seen.sights.iter().zip(&kept.owners).filter(|(sight, _)| !sight.doubtful) {
+            let Some(followed) = self.targets.iter_mut().find(|f| Some(f.id) == *owner) else { continue };
+            if let Some(appearance) = &sight.appearance {
                 followed.looks.see(kept.seen.robot, appearance);
+            }
+            // As its state was just after the frame.
+            let state = followed.trail.front().unwrap_or(&followed.state);
+            if let Some((top, _)) = state.top_of(&kept.seen, sight) {
+                followed.looks.see_top(top);
             }
         }
     }

@@ -242,7 +242,7 @@ mod tests {
             target.predict(at);
             for (robot, post) in posts.iter().enumerate() {
                 let range_m = (place - post.pose.position()).norm();
-                let var = (1.6e-5 + (4e-4 + config.axis_sway_m.powi(2)) / range_m.powi(2)) * 2.5 * STRETCH;
+                let var = (1.6e-5 + (4e-4 + config.axis_sway_m.powi(2)) / range_m.powi(2)) * MOST_REPEAT * STRETCH;
                 let bearing_rad = post.pose.bearing_to(place);
                 target.update(&BearingFrom { robot, pose: post.pose, bearing_rad, var, at });
             }

@@ -3,7 +3,7 @@
 use protocol::time::Timestamp;
 
 use super::*;
-use crate::motion::Object;
+use crate::motion::{Object, Outline};
 use crate::optics::{MountedCamera, Mounting, Pal};
 use crate::panorama::{PanoramaGeometry, Projection};
 use crate::tracking::{TrackView, Tracker, TrackerSettings};
@@ -282,8 +282,10 @@ fn who_stands_and_is_covered_for_a_while_is_the_same_afterwards() {
             let walks = !(5.0..8.5).contains(&t);
             t < 2.5 || walks && protocol::angle::difference(bearing, second.bearing).abs() < width(&second)
         };
-        let objects: Vec<_> =
-            regions.into_iter().map(|region| Object { moves: moving(&region), region, ghost: false }).collect();
+        let objects: Vec<_> = regions
+            .into_iter()
+            .map(|region| Object { moves: moving(&region), region, outline: Outline::Unclear })
+            .collect();
         let scene = Scene { picture: &room.picture, objects: &objects, ..room.scene() };
         tracker.step(&scene, Timestamp::from_secs_f64(100.0 + t), &[]);
         let at = |p: &Person| {

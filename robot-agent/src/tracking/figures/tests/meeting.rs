@@ -52,7 +52,8 @@ fn meet(start_deg: f64, behind_s: f64, together_deg_s: f64, back: bool) -> [[Opt
         room.look(&[behind, front]);
         let walks = t < WALK_S || gone_s > 0.0 || together_deg_s != 0.0;
         let regions = crate::motion::group(&room.mask, &room.raster, [1, 1], 1);
-        let objects: Vec<_> = regions.into_iter().map(|region| Object { moves: walks, region, ghost: false }).collect();
+        let objects: Vec<_> =
+            regions.into_iter().map(|region| Object { moves: walks, region, outline: Outline::Unclear }).collect();
         let scene = Scene { picture: &room.picture, objects: &objects, ..room.scene() };
         tracker.step(&scene, Timestamp::from_secs_f64(100.0 + t), &[]);
         let at = |p: &Person| {
@@ -116,7 +117,8 @@ fn being_told_of_people_doubles_none_and_makes_none_where_the_picture_shows_nobo
         let mut tracker = Tracker::new(room.raster, room.view.clone(), TrackerSettings::default());
         room.look(people);
         let regions = crate::motion::group(&room.mask, &room.raster, [1, 1], 1);
-        let objects: Vec<_> = regions.into_iter().map(|region| Object { moves: true, region, ghost: false }).collect();
+        let objects: Vec<_> =
+            regions.into_iter().map(|region| Object { moves: true, region, outline: Outline::Unclear }).collect();
         for frame in 0..15 {
             let expected = |person: &Person| Expected {
                 track: None,
@@ -152,7 +154,8 @@ fn who_has_long_walked_alone_is_told_surely_and_who_is_new_or_beside_another_is_
         let people = [walker, other];
         room.look(if t < 6.0 { &people[..1] } else { &people });
         let regions = crate::motion::group(&room.mask, &room.raster, [1, 1], 1);
-        let objects: Vec<_> = regions.into_iter().map(|region| Object { moves: true, region, ghost: false }).collect();
+        let objects: Vec<_> =
+            regions.into_iter().map(|region| Object { moves: true, region, outline: Outline::Unclear }).collect();
         let scene = Scene { picture: &room.picture, objects: &objects, ..room.scene() };
         tracker.step(&scene, Timestamp::from_secs_f64(100.0 + t), &[]);
         let off = |v: &TrackView| difference(v.bearing_rad, walker.bearing) * walker.range_m;
@@ -172,6 +175,31 @@ fn who_has_long_walked_alone_is_told_surely_and_who_is_new_or_beside_another_is_
     }
 }
 
+#[test]
+fn who_stops_as_soon_as_he_is_seen_is_followed_where_he_stands_out_of_the_background_and_goes_where_he_may_be_a_trace()
+{
+    let frames_followed = |outline: Outline| {
+        let mut room = Room::new([-15.0, 20.0]);
+        let mut tracker = Tracker::new(room.raster, room.view.clone(), TrackerSettings::default());
+        let mut followed = 0;
+        for frame in 0..100 {
+            // Two steps aside from behind something, then he stands.
+            let walks = frame < 5;
+            let person = person(20.0 + 0.5 * f64::from(frame.min(5)), 2.5);
+            room.look(&[person]);
+            let regions = crate::motion::group(&room.mask, &room.raster, [1, 1], 1);
+            let object = |region| Object { moves: walks, region, outline };
+            let objects: Vec<_> = regions.into_iter().map(object).collect();
+            let scene = Scene { picture: &room.picture, objects: &objects, ..room.scene() };
+            tracker.step(&scene, Timestamp::from_secs_f64(100.0 + 0.1 * f64::from(frame)), &[]);
+            followed += usize::from(tracker.tracks().len() == 1);
+        }
+        followed
+    };
+    let (solid, unclear, trace) = [Outline::Picture, Outline::Unclear, Outline::Background].map(frames_followed).into();
+    assert!(solid > 95 && unclear < 30 && trace < 30, "{solid} {unclear} {trace}");
+}
+
 /// In how many of 60 frames somebody is followed who stands where the robot saw nobody walk to, if the team says that he is at
 /// a distance known to `sigma_m`.
 fn frames_followed(sigma_m: Option<f64>) -> usize {
@@ -180,7 +208,8 @@ fn frames_followed(sigma_m: Option<f64>) -> usize {
     let stands = person(20.0, 2.5);
     room.look(&[stands]);
     let regions = crate::motion::group(&room.mask, &room.raster, [1, 1], 1);
-    let objects: Vec<_> = regions.into_iter().map(|region| Object { moves: false, region, ghost: false }).collect();
+    let objects: Vec<_> =
+        regions.into_iter().map(|region| Object { moves: false, region, outline: Outline::Unclear }).collect();
     let mut followed = 0;
     for frame in 0..60 {
         let expected = |sigma_m: f64| Expected {
