@@ -368,7 +368,7 @@ impl Tracker {
             width_rad: track.shape.w * step,
             confidence: track.confidence(),
             doubtful: track.looks.in_doubt(),
-            appearance: track.looks.known().filter(|_| track.turning_point == self.last).map(Appearance::to_bytes),
+            appearance: track.looks.told().filter(|_| track.turning_point == self.last).map(Appearance::to_bytes),
         })
     }
 

@@ -180,7 +180,7 @@ pub struct TrackObservation {
     /// It was with others of late, and may be somebody else than it was under this number before.
     pub doubtful: bool,
     /// What it looks like ([`crate::appearance::Appearance::to_bytes`]), sent only when a track is born, merges or splits, or is
-    /// known better than before.
+    /// known better than before. While it is `doubtful`: what has come out where it is followed, and never what it was before.
     pub appearance: Option<[u8; 16]>,
 }
 

@@ -31,10 +31,13 @@ const FOLLOW_AFOOT: f64 = 0.05;
 const AS_AFOOT: f64 = 0.5;
 /// Gain of an exchange that is believed, nats.
 const EXCHANGED: f64 = 1.0;
+/// How much each of two who were exchanged looks like the other at least, nats.
+const LEAST_LIKE_OTHER: f64 = -1.0;
 /// Somebody so unlike himself before is somebody else, nats.
 const SOMEBODY_ELSE: f64 = -5.0;
-/// Sights at which what is known is told anew.
+/// Sights at which what is known is told anew, and of somebody in doubt what comes out.
 const TOLD_AT: [u32; 2] = [12, 40];
+const TOLD_OUT_AT: [u32; 4] = [3, 7, 15, 31];
 
 /// What an upright person looks like, whose axis and distance are known.
 pub(super) fn appearance(region: &Region, scene: &Scene<'_>, view: &View, axis: f64, range_m: f64) -> Appearance {
@@ -84,6 +87,8 @@ pub(super) struct Looks {
     recent: Appearance,
     recent_sights: u32,
     doubtful: bool,
+    /// In doubt, since most of it was last hidden, beside others or not.
+    out: (Appearance, u32),
     /// While it moved, apart from others, and in how many sights: no ghost looks like this.
     afoot: (Appearance, u32),
 }
@@ -108,6 +113,18 @@ impl Looks {
         looks.follow(now, (1.0 / f64::from(*sights)).max(FOLLOW_AFOOT));
     }
 
+    /// The same of somebody in doubt, beside others or not; `None` where most of it is hidden. Whether that should be told.
+    pub(super) fn see_out(&mut self, now: Option<&Appearance>) -> bool {
+        let (looks, sights) = &mut self.out;
+        let Some(now) = now.filter(|_| self.doubtful) else {
+            self.out = Default::default();
+            return false;
+        };
+        *sights += 1;
+        looks.follow(now, (1.0 / f64::from(*sights)).max(FOLLOW_RECENT));
+        TOLD_OUT_AT.contains(sights)
+    }
+
     /// Whether it looks as it did while it walked: what is left in the background by somebody who stood there would not.
     pub(super) fn is_as_afoot(&self, now: &Appearance) -> bool {
         let (looks, sights) = &self.afoot;
@@ -123,6 +140,12 @@ impl Looks {
         (self.recent, self.recent_sights) = (Appearance::default(), 0);
     }
 
+    /// It is not seen at all.
+    pub(super) fn hide(&mut self) {
+        self.doubt();
+        self.out = Default::default();
+    }
+
     /// What is known of it; `None` where that is too little to be told.
     pub(super) fn known(&self) -> Option<&Appearance> {
         (self.known.seen() >= 2).then_some(&self.known)
@@ -131,6 +154,11 @@ impl Looks {
     /// The same where it was seen apart for long enough to be told from others.
     pub(super) fn firm(&self) -> Option<&Appearance> {
         self.known().filter(|_| self.sights >= KNOWN_SIGHTS)
+    }
+
+    /// What is told of it: in doubt what comes out, which tells others who it is.
+    pub(super) fn told(&self) -> Option<&Appearance> {
+        if self.doubtful { Some(&self.out.0).filter(|out| out.seen() >= 2) } else { self.known() }
     }
 
     /// Whether it may be somebody else than it was.
@@ -148,13 +176,14 @@ impl Looks {
     }
 }
 
-/// From so much on two have exchanged places, and so much at most speaks against it from before, nats.
-const SURELY_EXCHANGED: f64 = 2.0;
-const SURELY_NOT: f64 = -2.0;
+/// Mean gain of an exchange over the last frames that is believed, nats, and how fast it follows a frame.
+const SURELY_EXCHANGED: f64 = 2.2;
+const FOLLOW_GAIN: f64 = 0.5;
 
-/// Of tracks that are in doubt together, how much speaks for their going on under each other's numbers, summed over the frames
-/// since they were beside each other: who has exchanged places with whom shows as soon as both come out, long before either
-/// is apart from everybody.
+/// Of tracks that are in doubt together, how much speaks for their going on under each other's numbers, of late since they were
+/// beside each other: who has exchanged places with whom shows as soon as both come out, long before either is apart from
+/// everybody. Frames err alike, where a part of somebody is hidden or somebody else's: that many of them say so tells little more
+/// than that one does, and a sum over them would in the end believe any small gain.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Suspicions(Vec<([TrackId; 2], f64)>);
 
@@ -175,20 +204,22 @@ impl Suspicions {
         }) else {
             return false;
         };
-        let sum = &mut self.0[k].1;
-        *sum = (*sum + nats).max(SURELY_NOT);
-        let exchanged = *sum > SURELY_EXCHANGED;
+        let mean = &mut self.0[k].1;
+        *mean += FOLLOW_GAIN * (nats - *mean);
+        let exchanged = *mean > SURELY_EXCHANGED;
         if exchanged {
-            *sum = SURELY_NOT;
+            *mean = -SURELY_EXCHANGED;
         }
         exchanged
     }
 }
 
-/// By how much two sights look more like each other's owners than like their own, nats.
+/// By how much two sights look more like each other's owners than like their own, nats; where one of them does not look like the
+/// other's owner at all, a third person is in it, and nothing speaks for an exchange.
 pub(super) fn exchange_gain(now: [&Appearance; 2], known: [&Appearance; 2]) -> f64 {
     let fit = |a: usize, b: usize| now[a].log_ratio(known[b]);
-    fit(0, 1) + fit(1, 0) - fit(0, 0) - fit(1, 1)
+    let gain = fit(0, 1) + fit(1, 0) - fit(0, 0) - fit(1, 1);
+    if fit(0, 1).min(fit(1, 0)) < LEAST_LIKE_OTHER { gain.min(0.0) } else { gain }
 }
 
 /// What became of a track in doubt.
@@ -314,9 +345,40 @@ mod tests {
         assert!((0..50).all(|_| !suspicions.weigh(a, b, true, own)));
         let frames = (1..10).find(|_| suspicions.weigh(b, a, false, others));
         assert!(frames.is_some_and(|n| n <= 3), "{frames:?}");
-        // Whoever looks alike is not exchanged.
+        // Whoever looks alike is not exchanged, nor who looks a little like the other for ever so long.
         let alike = exchange_gain([&dark, &dark], [&dark, &dark]);
-        assert!((0..50).all(|_| !suspicions.weigh(a, b, true, alike)));
+        for nats in [alike, 0.9 * SURELY_EXCHANGED] {
+            assert!((0..50).all(|_| !suspicions.weigh(a, b, true, nats)), "{nats}");
+        }
+    }
+
+    #[test]
+    fn two_are_not_exchanged_where_one_of_them_is_a_third_person() {
+        let (dark, bright, striped) = (clothes(25.0, 60.0), clothes(60.0, 150.0), clothes(160.0, 30.0));
+        let known = [&dark, &bright];
+        assert!(exchange_gain([&bright, &dark], known) > SURELY_EXCHANGED);
+        // The first looks like the second was, but the second like neither.
+        assert!(exchange_gain([&bright, &striped], known) <= 0.0);
+    }
+
+    #[test]
+    fn in_doubt_it_tells_what_comes_out_and_not_what_it_was() {
+        let (dark, bright) = (clothes(25.0, 60.0), clothes(60.0, 150.0));
+        let mut looks = Looks::default();
+        for _ in 0..20 {
+            looks.see(&dark);
+            assert!(!looks.see_out(Some(&dark)), "beyond doubt that is told by what is known");
+        }
+        let resembles = |looks: &Looks, whom: &Appearance| looks.told().map(|told| told.log_ratio(whom) > 1.0);
+        assert_eq!(resembles(&looks, &dark), Some(true));
+        looks.doubt();
+        assert_eq!(looks.told(), None);
+        let told = (1..=8).filter(|_| looks.see_out(Some(&bright))).count();
+        assert_eq!(told, 2, "after three sights and after seven");
+        assert_eq!((resembles(&looks, &bright), resembles(&looks, &dark)), (Some(true), Some(false)));
+        // Hidden again, the next who comes out may be another.
+        looks.hide();
+        assert_eq!(looks.told(), None);
     }
 
     #[test]

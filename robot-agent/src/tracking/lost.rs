@@ -77,18 +77,26 @@ impl LostPeople {
 
     /// Takes out who stood where a figure is found now, or else who went behind others within `reach` columns and looks like it.
     pub(super) fn take(&mut self, found: &Sighting, reach: f64, now: Timestamp, raster: &Raster) -> Option<Lost> {
-        self.forget(now);
+        let (k, _) = self.best(found, reach, now, raster)?;
+        Some(self.0.swap_remove(k))
+    }
+
+    /// How much the one that [`Self::take`] would give looks like the figure, nats.
+    pub(super) fn alike(&self, found: &Sighting, reach: f64, now: Timestamp, raster: &Raster) -> Option<f64> {
+        Some(self.best(found, reach, now, raster)?.1)
+    }
+
+    fn best(&self, found: &Sighting, reach: f64, now: Timestamp, raster: &Raster) -> Option<(usize, f64)> {
         let away = |l: &Lost| raster.column_difference(found.axis, l.stand.column).abs();
         let farther = |l: &Lost| (found.range_m.ln() - l.stand.log_range).abs();
         let places = |l: &Lost| away(l) / l.breadth.max(1.0);
         let stands = |l: &Lost| !l.behind && places(l) < NEAR && farther(l) < NEAR_LOG_RANGE;
-        let all = || self.0.iter().enumerate();
+        let all = || self.0.iter().enumerate().filter(|(_, l)| !l.is_over(now));
         let stood = all().filter(|(_, l)| stands(l)).min_by(|a, b| places(a.1).total_cmp(&places(b.1)));
         let alike = |l: &Lost| l.looks.firm().map_or(f64::NEG_INFINITY, |known| found.appearance.log_ratio(known));
         let comes_out = |l: &Lost| l.behind && away(l) < reach && farther(l) < BEHIND_LOG_RANGE && alike(l) > ALIKE;
         let hidden = || all().filter(|(_, l)| comes_out(l)).max_by(|a, b| alike(a.1).total_cmp(&alike(b.1)));
-        let (k, _) = stood.or_else(hidden)?;
-        Some(self.0.swap_remove(k))
+        stood.or_else(hidden).map(|(k, l)| (k, alike(l)))
     }
 
     /// Columns where they were.

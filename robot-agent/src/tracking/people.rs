@@ -43,6 +43,8 @@ const OUT_M: f64 = 0.7;
 const OUT_LOG_RANGE: f64 = 0.7;
 const MOST_ELSEWHERE: f32 = 0.8;
 const LEAST_ALIKE: f64 = -3.0;
+/// From where he was last seen apart he has not come further than this, metres, and metres a second since.
+const COME_M: [f64; 2] = [0.4, 1.6];
 
 /// Whoever was hidden by others for long comes out no further from where he was last thought to be, metres.
 const WANDERED_M: f64 = 1.2;
@@ -109,6 +111,10 @@ impl Tracker {
                     }
                     track.see_figure(&look.sighting, capture, &self.raster);
                     now[t] = Some(look.sighting.appearance);
+                    let shows = figure.own >= COMPARED_OWN;
+                    if track.looks.see_out(now[t].as_ref().filter(|_| shows)) {
+                        track.turning_point = Some(capture);
+                    }
                 }
                 None if figure.own < COVERED && track.looks.firm().is_some() => {
                     let within = figures.columns_of(BEHIND_M, figure.range_m);
@@ -124,7 +130,13 @@ impl Tracker {
             let enough = figure.own >= NEW_OWN
                 && figure.support >= NEW_SUPPORT
                 && (!others_see || figure.evidence >= TOLD_EVIDENCE);
-            if enough && let Some(t) = self.member_at(figure, &look.sighting, &all[..told], &figures) {
+            let reach = figures.columns_of(WANDERED_M, figure.range_m);
+            let lost_alike = self.lost.alike(&look.sighting, reach, capture, &self.raster);
+            let member =
+                enough.then(|| self.member_at(figure, &look.sighting, &all[..told], &figures, capture)).flatten();
+            if let Some((t, alike)) = member
+                && lost_alike.is_none_or(|lost| lost < alike)
+            {
                 // One of those who were together has come out elsewhere than where he was placed.
                 let track = &mut self.tracks[t];
                 self.areas.retain(|(id, _)| *id != track.id);
@@ -133,7 +145,6 @@ impl Tracker {
                 continue;
             }
             if enough && self.tracks.len() < association::MAX_SIDE {
-                let reach = figures.columns_of(WANDERED_M, figure.range_m);
                 let returned = self.lost.take(&look.sighting, reach, capture, &self.raster);
                 // What stands may be the trace of somebody who has left, or a chair; or it is who was lost from sight there.
                 let may_be_lost =
@@ -195,16 +206,26 @@ impl Tracker {
         }
     }
 
-    /// Of those who were with others and for whom little speaks where they are, the one who may be seen here.
+    /// Of those who were with others and for whom little speaks where they are, the one who may be seen here, and how alike he is, nats.
     /// `sought`: the figures of the tracks, and of others who were looked for.
-    fn member_at(&self, found: &Figure, sighting: &Sighting, sought: &[Figure], figures: &Figures) -> Option<usize> {
+    fn member_at(
+        &self,
+        found: &Figure,
+        sighting: &Sighting,
+        sought: &[Figure],
+        figures: &Figures,
+        now: Timestamp,
+    ) -> Option<(usize, f64)> {
         let reach = figures.columns_of(OUT_M, found.range_m);
         let may_be = |t: &usize| {
             let track = &self.tracks[*t];
-            let away = self.raster.column_difference(track.filter.column, sighting.axis).abs();
+            let away = |from: f64| self.raster.column_difference(from, sighting.axis).abs();
+            let (at, from) = track.last_apart;
+            let come_m = COME_M[0] + COME_M[1] * now.seconds_since(at);
             track.confirmed
                 && track.looks.in_doubt()
-                && away < reach
+                && away(track.filter.column) < reach
+                && away(from) < figures.columns_of(come_m, found.range_m)
                 && (found.range_m.ln() - track.log_range).abs() < OUT_LOG_RANGE
                 && figures.needed(sought, *t) < MOST_ELSEWHERE * found.evidence
         };
@@ -212,8 +233,7 @@ impl Tracker {
         // Those who are born in this frame are not confirmed.
         let members = (0..self.tracks.len().min(sought.len())).filter(may_be).filter_map(alike);
         let least = |t: usize| if self.tracks[t].behind { BEHIND_ALIKE } else { LEAST_ALIKE };
-        let (t, _) = members.filter(|(t, nats)| *nats > least(*t)).max_by(|a, b| a.1.total_cmp(&b.1))?;
-        Some(t)
+        members.filter(|(t, nats)| *nats > least(*t)).max_by(|a, b| a.1.total_cmp(&b.1))
     }
 
     /// Where fellow robots are.

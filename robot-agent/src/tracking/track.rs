@@ -58,6 +58,8 @@ pub(super) struct Track {
     pub(super) looks: Looks,
     /// Where it stood when it was last seen apart from others, standing.
     pub(super) stand: Option<Stand>,
+    /// When and in which column it was last seen apart from others.
+    pub(super) last_apart: (Timestamp, f64),
     /// Column of the axis and its sigma as published for this frame.
     pub(super) axis: f64,
     pub(super) axis_sigma: f64,
@@ -199,6 +201,7 @@ impl Track {
             histogram: Histogram::default(),
             looks: Looks::default(),
             stand: None,
+            last_apart: (now, s.axis),
             axis: s.axis,
             axis_sigma: s.axis_sigma,
             extent: None,
@@ -306,6 +309,7 @@ impl Track {
             self.merged_since = (!s.alone).then_some(now);
         }
         if s.apart {
+            self.last_apart = (now, self.axis);
             let stands = self.filter.rate.abs() < STANDING_RATE * s.trunk_width;
             self.stand =
                 stands.then(|| Stand { at: now, column: self.axis, log_range: self.log_range, patch: self.patch() });
@@ -429,7 +433,7 @@ impl Track {
     pub(super) fn miss(&mut self) {
         self.misses += 1;
         self.behind = false;
-        self.looks.doubt();
+        self.looks.hide();
         self.state = TrackState::Hidden;
         (self.axis, self.axis_sigma) = (self.filter.column, self.filter.sigma().hypot(0.3 * self.trunk_width));
     }

@@ -1,5 +1,5 @@
 //! A maximum-likelihood estimator that shares nothing with the solver: Gauss–Newton on numerical derivatives of the exact
-//! measurements, from the truth. What the bound does not tell where it is only a first approximation, this does.
+//! measurements, from where it is told to begin. What the bound does not tell where it is only a first approximation, this does.
 
 use nalgebra::{DVector, dvector};
 
@@ -11,17 +11,16 @@ const MAX_ITERATIONS: usize = 60;
 /// Step at which it ends, m and rad.
 const STEP: f64 = 1e-7;
 
-/// The most likely unknowns given `measured`, whose errors are `sigma` times what `noise` says: it knows the density of the tails,
-/// and begins at the truth, which no solver can: of several likeliest layouts it finds the right one. With tails its error is therefore a
-/// limit from below. `None` where the iteration does not end.
+/// The unknowns at the peak of their likelihood given `measured` that is reached from `start`, and their loss there (less is likelier);
+/// errors are `sigma` times what `noise` says, whose density it knows. `None` where the iteration does not end.
 pub fn estimate(
     scene: &Scene,
     measurements: &[Measurement],
     measured: &[f64],
-    sigma: f64,
-    noise: Noise,
-) -> Option<Vec<f64>> {
-    let mut x = scene.unknowns();
+    (sigma, noise): (f64, Noise),
+    start: Vec<f64>,
+) -> Option<(Vec<f64>, f64)> {
+    let mut x = start;
     let exact = |x: &[f64], k: usize| scene.with(x).exact(&measurements[k]);
     let residuals = |x: &[f64]| {
         let at = scene.with(x);
@@ -47,12 +46,12 @@ pub fn estimate(
             }
             scale *= 0.5;
             if scale < 1e-6 {
-                return Some(x);
+                return Some((x, cost(&r)));
             }
         };
         x = moved;
         if scale * step.amax() < STEP {
-            return Some(x);
+            return Some((x, cost(&r)));
         }
     }
     None

@@ -11,6 +11,9 @@ use crate::stereo::range_cue::RangeCue;
 /// A track unseen for longer is forgotten, seconds.
 const FORGOTTEN_S: f64 = 5.0;
 
+/// What somebody in doubt looked like holds for so long, seconds.
+const FRESH_S: f64 = 1.0;
+
 /// A track of one robot.
 #[derive(Debug, Clone)]
 pub struct Memory {
@@ -40,6 +43,8 @@ pub struct Memory {
     pub top: Option<(f64, f64)>,
     /// What it looks like, as last told.
     pub appearance: Option<Appearance>,
+    /// When that was.
+    pub told: Timestamp,
     /// Height of the camera that sees it, m.
     pub camera_height_m: f64,
     /// Frames in which it was seen.
@@ -90,6 +95,7 @@ impl Follower {
                         cue: sight.cue,
                         top: sight.top,
                         appearance: sight.appearance,
+                        told: frame.at,
                         camera_height_m: frame.camera.height_m,
                         count: 1,
                         bound: None,
@@ -104,10 +110,15 @@ impl Follower {
                 m.rate_radps += 0.3 * (rate.clamp(-3.0, 3.0) - m.rate_radps);
             }
             (m.last, m.bearing_rad, m.sigma_rad) = (frame.at, sight.bearing_rad, sight.sigma_rad);
+            if sight.appearance.is_some() {
+                (m.appearance, m.told) = (sight.appearance, frame.at);
+            } else if sight.doubtful && (!m.doubtful || frame.at.seconds_since(m.told) > FRESH_S) {
+                // What it looked like before says nothing of who it is now.
+                m.appearance = None;
+            }
             m.doubtful = sight.doubtful;
             (m.half_width_rad, m.merged, m.peer) = (sight.half_width_rad, sight.merged, sight.peer);
             m.top = sight.top;
-            m.appearance = sight.appearance.or(m.appearance);
             m.count += 1;
             m.tenure += u32::from(m.bound.is_some() && !sight.merged && !sight.doubtful);
             if !sight.merged {

@@ -12,11 +12,9 @@ use super::{OBSERVED_S, Sight, gate_distance2};
 use crate::calibration::live::Calibrator;
 use crate::leader::config::TargetConfig;
 use crate::stereo::range_cue::CameraFacts;
-use crate::stereo::target::{BearingFrom, Target};
+use crate::stereo::target::{BearingFrom, Target, TopFrom};
 use crate::stereo::triangulate::height_m;
 
-/// Variance below which the height of a top does not fall, m².
-const TOP_FLOOR_VAR: f64 = 0.0016;
 /// A frame never counts for less than this part of a frame with an error of its own.
 pub const MOST_REPEAT: f64 = 3.0;
 /// Where the rays leave the place so unsure (larger axis, metres), ranges from feet, head and width help.
@@ -28,9 +26,9 @@ const TEMPER: f64 = 0.5;
 const TEMPER_MERGED: f64 = 0.3;
 /// What a squared sigma of a single robot's range is worth in a frame, nats, where the target's is known to this part: ranges
 /// of feet and heads err alike from frame to frame. The same for looks, which are told seldom.
-const CUE_WORTH: f64 = 0.05;
+const CUE_WORTH: f64 = 0.1;
 const KNOWN_RANGE: f64 = 0.3;
-const LOOKS_WORTH: f64 = 0.1;
+const LOOKS_WORTH: f64 = 0.2;
 /// What the height of a top counts for in a frame, beside the bearing.
 const TOP_WORTH: f64 = 0.2;
 /// What a frame costs in which a robot that should see it does not, nats.
@@ -186,7 +184,7 @@ impl State {
         if let Some((top, var)) = self.top_of(seen, sight) {
             self.score += TOP_WORTH * looks.as_tall(top, var);
         }
-        if let (Some(appearance), false) = (&sight.appearance, sight.doubtful) {
+        if let Some(appearance) = &sight.appearance {
             self.score += LOOKS_WORTH * looks.resemblance(appearance);
         }
 
@@ -212,12 +210,14 @@ impl State {
             self.target.update_measured_range(seen.robot, &seen.pose, foot_m, sigma_m * sigma_m * repeat);
         }
         let unsure = alone || self.target.sigma_m() > UNSURE_M;
-        if let (true, Some((log_range, spread))) = (unsure, sight.cue.log_range) {
+        let cue = if sight.top.is_some() { sight.cue.beside_top } else { sight.cue.log_range };
+        if let (true, Some((log_range, spread))) = (unsure, cue) {
             let cue_m = log_range.exp();
             self.target.update_range(&seen.pose, cue_m, (spread * cue_m).powi(2) * RANGE_REPEAT);
         }
-        if let Some((top, var)) = self.top_of(seen, sight) {
-            self.target.update_top(top, var * repeat + TOP_FLOOR_VAR, TOP_FLOOR_VAR);
+        if let Some(elevation_rad) = sight.top {
+            let (robot, pose, camera_height_m, at) = (seen.robot, seen.pose, seen.camera.height_m, seen.at);
+            self.target.update_top(&TopFrom { robot, pose, camera_height_m, elevation_rad, at, repeat });
         }
     }
 }

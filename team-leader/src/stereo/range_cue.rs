@@ -41,6 +41,8 @@ pub struct CameraFacts {
 pub struct RangeCue {
     /// ln(range/m) and its standard deviation, where known.
     pub log_range: Option<(f64, f64)>,
+    /// The same by all but the height of people: where the height of this one is measured.
+    pub beside_top: Option<(f64, f64)>,
     /// The object is nearer than this, m.
     pub upper_m: f64,
     /// Range of the body's axis by feet seen from high above, with its standard deviation, m.
@@ -51,7 +53,7 @@ pub struct RangeCue {
 
 impl RangeCue {
     /// Nothing is known.
-    pub const NONE: Self = Self { log_range: None, upper_m: f64::INFINITY, foot_m: None, low: false };
+    pub const NONE: Self = Self { log_range: None, beside_top: None, upper_m: f64::INFINITY, foot_m: None, low: false };
 
     /// From one observation of a track; `person_height_m` is mean and standard deviation.
     pub fn of(track: &TrackObservation, camera: CameraFacts, person_height_m: (f64, f64)) -> Self {
@@ -62,6 +64,7 @@ impl RangeCue {
         let sigma = track.elevation_sigma.value().hypot(camera.tilt_sigma_rad).hypot(0.004);
         let (mean_m, spread_m) = person_height_m;
         let mut cues: Vec<(f64, f64)> = Vec::new();
+        let mut by_top = None;
         let mut upper_m = f64::INFINITY;
         let mut steep_m = None;
         if let Some(range) = track.range {
@@ -89,7 +92,7 @@ impl RangeCue {
             match track.ends[1] {
                 ElevationEnd::Seen => {
                     let error = (spread_m / above_m).hypot(2.0 * sigma / (2.0 * high).sin());
-                    cues.push(((above_m / high.tan()).ln(), error.hypot(LEAST_SPREAD)));
+                    by_top = Some(((above_m / high.tan()).ln(), error.hypot(LEAST_SPREAD)));
                 }
                 ElevationEnd::Cut | ElevationEnd::Hidden => {
                     upper_m = upper_m.min((above_m + TALL_SIGMAS * spread_m) / high.tan());
@@ -100,11 +103,11 @@ impl RangeCue {
         if width > 0.01 {
             cues.push(((WIDTH_M / width).ln(), WIDTH_SPREAD));
         }
-        let weight: f64 = cues.iter().map(|(_, s)| s.powi(-2)).sum();
-        let log_range = (weight > 0.0)
-            .then(|| (cues.iter().map(|(m, s)| m * s.powi(-2)).sum::<f64>() / weight, weight.sqrt().recip()));
+        let beside_top = mean_of(&cues);
+        cues.extend(by_top);
+        let log_range = mean_of(&cues);
         let low = track.ends[1] == ElevationEnd::Seen && high < 2.0 * sigma && camera.height_m < 1.2;
-        Self { log_range, upper_m, foot_m: steep_m, low }
+        Self { log_range, beside_top, upper_m, foot_m: steep_m, low }
     }
 
     /// How badly a range fits: squared sigmas, at most [`MOST_COST`].
@@ -117,6 +120,13 @@ impl RangeCue {
         let over = (r - self.upper_m.ln()).max(0.0) / LEAST_SPREAD;
         (by_mean + over * over).min(MOST_COST)
     }
+}
+
+/// Mean of values by the weights of their standard deviations, and its own; `None` of none.
+fn mean_of(cues: &[(f64, f64)]) -> Option<(f64, f64)> {
+    let weight: f64 = cues.iter().map(|(_, s)| s.powi(-2)).sum();
+    let sum: f64 = cues.iter().map(|(m, s)| m * s.powi(-2)).sum();
+    (weight > 0.0).then(|| (sum / weight, weight.sqrt().recip()))
 }
 
 #[cfg(test)]

@@ -1,11 +1,14 @@
 //! One moving object followed by bearings.
 //!
-//! State: position and velocity on the floor, *given* exact poses of the robots; how it depends on their poses is carried
+//! State: position and velocity on the floor and height of the top, *given* exact poses of the robots; how it depends on their poses is carried
 //! along (Schmidt's consider filter), so that `cov = own + J Σ Jᵀ` holds for any pair of entries of the map, and errors of
 //! the calibration never average out over frames. Velocities forget (people stop), driven by white acceleration. A body's
 //! seen axis sways with its gait: errors of successive frames are alike, so each frame counts for less.
+//!
+//! Where rays cross well they measure the height of the top. That stays with somebody, and where rays cross badly, or there is
+//! only one, the top's elevation gives the range: D = (Z − H) / tan α (`MATHS.md` §7, 11). One filter of both does either as it should be.
 
-use nalgebra::{Matrix2, Matrix4, Matrix4x3, RowVector3, RowVector4, Vector2, Vector3, Vector4};
+use nalgebra::{Matrix2, Matrix5, Matrix5x3, RowVector3, RowVector5, Vector2, Vector3, Vector5};
 use protocol::angle::wrap;
 use protocol::frames::Pose2;
 use protocol::time::Timestamp;
@@ -24,25 +27,51 @@ const NEW_POSITION_M: f64 = 5.0;
 /// A measured range further from what is expected is of something else (feet that something hides), sigmas.
 pub const RANGE_GATE_SIGMAS: f64 = 2.5;
 
+/// Index of the top's height in the state.
+const TOP: usize = 4;
+/// How much a head moves up and down with the gait and its upper end with what is behind it, m; how well the height may become known at
+/// most, m; beyond so many sigmas it is a hand or half a head.
+const TOP_SWAY_M: f64 = 0.03;
+const TOP_FLOOR_M: f64 = 0.02;
+const TOP_GATE_SIGMAS: f64 = 3.0;
+/// Tops nearer to the horizon, rad, or to the camera's height, m, say nothing about range.
+const LEAST_ELEVATION_RAD: f64 = 0.03;
+const LEAST_ABOVE_M: f64 = 0.2;
+
 /// How a range fits.
 struct RangeInnovation {
     residual: f64,
     var: f64,
-    own: RowVector4<f64>,
+    own: RowVector5<f64>,
     to_pose: RowVector3<f64>,
 }
 
 /// A target's filter.
 #[derive(Debug, Clone)]
 pub struct Target {
-    mean: Vector4<f64>,
-    cov: Matrix4<f64>,
-    dependence: Vec<(usize, Matrix4x3<f64>)>,
+    mean: Vector5<f64>,
+    cov: Matrix5<f64>,
+    dependence: Vec<(usize, Matrix5x3<f64>)>,
     at: Timestamp,
     acceleration_m2ps3: f64,
-    /// Top above the floor: value and variance.
-    top_m: (f64, f64),
     top_seen: bool,
+}
+
+/// A top seen from a standing robot.
+#[derive(Debug, Clone, Copy)]
+pub struct TopFrom {
+    /// Which robot.
+    pub robot: usize,
+    /// Its pose.
+    pub pose: Pose2,
+    /// Its camera above the floor, m.
+    pub camera_height_m: f64,
+    /// Elevation with its standard deviation, rad.
+    pub elevation_rad: (f64, f64),
+    /// Capture, leader's clock.
+    pub at: Timestamp,
+    /// By how much its variance is taken larger, for errors of successive frames are alike.
+    pub repeat: f64,
 }
 
 /// A bearing from a standing robot.
@@ -69,7 +98,7 @@ pub struct Innovation {
     pub var: f64,
     /// Predicted distance, m.
     pub range_m: f64,
-    own: RowVector4<f64>,
+    own: RowVector5<f64>,
     other: RowVector3<f64>,
 }
 
@@ -90,12 +119,11 @@ impl Target {
     pub fn new(position: Vector2<f64>, at: Timestamp, acceleration_m2ps3: f64, top_m: (f64, f64)) -> Self {
         let (p, v) = (NEW_POSITION_M.powi(2), NEW_VELOCITY_MPS.powi(2));
         Self {
-            mean: Vector4::new(position.x, position.y, 0.0, 0.0),
-            cov: Matrix4::from_diagonal(&Vector4::new(p, p, v, v)),
+            mean: Vector5::new(position.x, position.y, 0.0, 0.0, top_m.0),
+            cov: Matrix5::from_diagonal(&Vector5::new(p, p, v, v, top_m.1 * top_m.1)),
             dependence: Vec::new(),
             at,
             acceleration_m2ps3,
-            top_m: (top_m.0, top_m.1 * top_m.1),
             top_seen: false,
         }
     }
@@ -128,7 +156,7 @@ impl Target {
 
     /// Height of the top and its variance, and whether it was ever seen.
     pub fn top_m(&self) -> ((f64, f64), bool) {
-        (self.top_m, self.top_seen)
+        ((self.mean[TOP], self.cov[(TOP, TOP)]), self.top_seen)
     }
 
     /// Predicts to `at`; backwards is ignored.
@@ -140,7 +168,7 @@ impl Target {
         self.at = at;
         let keep = (-dt / VELOCITY_MEMORY_S).exp();
         let reach = VELOCITY_MEMORY_S * (1.0 - keep);
-        let mut f = Matrix4::identity();
+        let mut f = Matrix5::identity();
         for k in 0..2 {
             f[(k, k + 2)] = reach;
             f[(k + 2, k + 2)] = keep;
@@ -164,7 +192,7 @@ impl Target {
         let (dt, then) = self.place_at(m.at);
         let from = [m.pose.x_m, m.pose.y_m, m.pose.heading_rad];
         let (bearing, to_pose, to_point) = kernel::bearing(from, then);
-        let own = RowVector4::new(to_point[0], to_point[1], dt * to_point[0], dt * to_point[1]);
+        let own = RowVector5::new(to_point[0], to_point[1], dt * to_point[0], dt * to_point[1], 0.0);
         let (range_m, _, _) = kernel::distance(from, then);
         let var = (own * self.cov * own.transpose())[0] + m.var;
         Innovation { residual_rad: wrap(m.bearing_rad - bearing), var, range_m, own, other: RowVector3::from(to_pose) }
@@ -184,24 +212,32 @@ impl Target {
     /// Uses a bearing.
     pub fn update(&mut self, m: &BearingFrom) {
         let innovation = self.innovation(m);
-        let gain = self.cov * innovation.own.transpose() / innovation.var;
-        let keep = Matrix4::identity() - gain * innovation.own;
-        self.mean += gain * innovation.residual_rad;
-        self.cov = keep * self.cov * keep.transpose() + gain * m.var * gain.transpose();
-        if !self.dependence.iter().any(|(r, _)| *r == m.robot) {
-            self.dependence.push((m.robot, Matrix4x3::zeros()));
+        self.correct(&innovation.own, innovation.residual_rad, m.var, Some((m.robot, innovation.other)));
+    }
+
+    /// A measurement h of the state, whose derivatives to it and to the pose of a robot are given, `residual` off, with variance `var`.
+    fn correct(&mut self, own: &RowVector5<f64>, residual: f64, var: f64, pose: Option<(usize, RowVector3<f64>)>) {
+        let gain = self.cov * own.transpose() / ((own * self.cov * own.transpose())[0] + var);
+        let keep = Matrix5::identity() - gain * own;
+        self.mean += gain * residual;
+        self.cov = keep * self.cov * keep.transpose() + gain * var * gain.transpose();
+        if let Some((robot, _)) = pose
+            && !self.dependence.iter().any(|(r, _)| *r == robot)
+        {
+            self.dependence.push((robot, Matrix5x3::zeros()));
         }
         for (r, d) in &mut self.dependence {
             *d = keep * *d;
-            if *r == m.robot {
-                *d -= gain * innovation.other;
+            if let Some((_, to_pose)) = pose.filter(|(robot, _)| robot == r) {
+                *d -= gain * to_pose;
             }
         }
     }
 
     /// Uses a range along the floor from a robot (weak; for targets that one robot alone sees).
     pub fn update_range(&mut self, pose: &Pose2, range_m: f64, var: f64) {
-        self.use_range(&self.range_innovation(pose, range_m, var), var, None);
+        let innovation = self.range_innovation(pose, range_m, var);
+        self.correct(&innovation.own, innovation.residual, var, None);
     }
 
     /// Uses a measured range along the floor from a robot, whose pose's error it shares from then on; not beyond
@@ -209,48 +245,55 @@ impl Target {
     pub fn update_measured_range(&mut self, robot: usize, pose: &Pose2, range_m: f64, var: f64) {
         let innovation = self.range_innovation(pose, range_m, var);
         if innovation.residual.powi(2) <= RANGE_GATE_SIGMAS.powi(2) * innovation.var {
-            self.use_range(&innovation, var, Some(robot));
+            self.correct(&innovation.own, innovation.residual, var, Some((robot, innovation.to_pose)));
         }
     }
 
     fn range_innovation(&self, pose: &Pose2, range_m: f64, var: f64) -> RangeInnovation {
         let from = [pose.x_m, pose.y_m, pose.heading_rad];
         let (predicted, to_pose, to_point) = kernel::distance(from, [self.mean[0], self.mean[1]]);
-        let own = RowVector4::new(to_point[0], to_point[1], 0.0, 0.0);
+        let own = RowVector5::new(to_point[0], to_point[1], 0.0, 0.0, 0.0);
         let var = (own * self.cov * own.transpose())[0] + var;
         RangeInnovation { residual: range_m - predicted, var, own, to_pose: RowVector3::from(to_pose) }
     }
 
-    fn use_range(&mut self, innovation: &RangeInnovation, var: f64, robot: Option<usize>) {
-        let gain = self.cov * innovation.own.transpose() / innovation.var;
-        let keep = Matrix4::identity() - gain * innovation.own;
-        self.mean += gain * innovation.residual;
-        self.cov = keep * self.cov * keep.transpose() + gain * var * gain.transpose();
-        if let Some(robot) = robot.filter(|robot| !self.dependence.iter().any(|(r, _)| r == robot)) {
-            self.dependence.push((robot, Matrix4x3::zeros()));
-        }
-        for (r, d) in &mut self.dependence {
-            *d = keep * *d;
-            if robot == Some(*r) {
-                *d -= gain * innovation.to_pose;
-            }
-        }
-    }
-
-    /// Uses a height of the top seen by one robot; `floor_var` keeps it from becoming certain of a hat.
-    pub fn update_top(&mut self, top_m: f64, var: f64, floor_var: f64) {
-        let gain = self.top_m.1 / (self.top_m.1 + var);
-        if (top_m - self.top_m.0).powi(2) > 16.0 * (self.top_m.1 + var) {
+    /// Uses the elevation of the top: of the height above the camera and the range it tells the less known by the other.
+    pub fn update_top(&mut self, m: &TopFrom) {
+        let (elevation, sigma) = m.elevation_rad;
+        let above_m = self.mean[TOP] - m.camera_height_m;
+        if elevation < LEAST_ELEVATION_RAD || above_m < LEAST_ABOVE_M {
             return;
         }
-        self.top_m.0 += gain * (top_m - self.top_m.0);
-        self.top_m.1 = ((1.0 - gain) * self.top_m.1).max(floor_var);
+        let (dt, then) = self.place_at(m.at);
+        let (range_m, to_pose, to_point) = kernel::distance([m.pose.x_m, m.pose.y_m, m.pose.heading_rad], then);
+        // Its derivatives are taken where it is expected: at the measured elevation they would err with it, and sigmas come out too
+        // small by a quarter.
+        let square = range_m * range_m + above_m * above_m;
+        let (to_range, to_height) = (-above_m / square, range_m / square);
+        let [dx, dy] = to_point.map(|d| d * to_range);
+        let own = RowVector5::new(dx, dy, dt * dx, dt * dy, to_height);
+        let noise = (sigma * sigma + (TOP_SWAY_M * to_height).powi(2)) * m.repeat;
+        let residual = elevation - above_m.atan2(range_m);
+        let d2 = residual * residual / ((own * self.cov * own.transpose())[0] + noise);
+        if d2 > TOP_GATE_SIGMAS.powi(2) {
+            return;
+        }
+        self.correct(&own, residual, noise, Some((m.robot, RowVector3::from(to_pose) * to_range)));
+        self.cov[(TOP, TOP)] = self.cov[(TOP, TOP)].max(TOP_FLOOR_M.powi(2));
         self.top_seen = true;
     }
 
     /// Takes over the height of the top from what was known of the same object before.
     pub fn keep_top(&mut self, before: &Self) {
-        (self.top_m, self.top_seen) = (before.top_m, before.top_seen);
+        self.mean[TOP] = before.mean[TOP];
+        for k in 0..TOP {
+            (self.cov[(k, TOP)], self.cov[(TOP, k)]) = (0.0, 0.0);
+        }
+        self.cov[(TOP, TOP)] = before.cov[(TOP, TOP)];
+        self.top_seen = before.top_seen;
+        for (_, d) in &mut self.dependence {
+            d.row_mut(TOP).fill(0.0);
+        }
     }
 
     /// The robot's pose was corrected by `shift` (x, y, heading).
