@@ -131,12 +131,11 @@ impl Tracker {
                 && figure.support >= NEW_SUPPORT
                 && (!others_see || figure.evidence >= TOLD_EVIDENCE);
             let reach = figures.columns_of(WANDERED_M, figure.range_m);
-            let lost_alike = self.lost.alike(&look.sighting, reach, capture, &self.raster);
             let member =
                 enough.then(|| self.member_at(figure, &look.sighting, &all[..told], &figures, capture)).flatten();
-            if let Some((t, alike)) = member
-                && lost_alike.is_none_or(|lost| lost < alike)
-            {
+            // Unless somebody who was lost there looks more like it.
+            let lost = || self.lost.alike(&look.sighting, reach, capture, &self.raster);
+            if let Some((t, _)) = member.filter(|(_, alike)| lost().is_none_or(|lost| lost < *alike)) {
                 // One of those who were together has come out elsewhere than where he was placed.
                 let track = &mut self.tracks[t];
                 self.areas.retain(|(id, _)| *id != track.id);

@@ -14,7 +14,7 @@ use super::input::{Bearing, Problem};
 use super::output::{Solution, SolvedRobot, SolvedTarget, UNKNOWN_VAR};
 use super::start::{Axis, among_landmarks, axis, name_sightings, radius_m};
 use crate::calibration::closed_form::relative_pose;
-use crate::stereo::triangulate::{StereoBearings, StereoSigmas, fuse_heights, height_m, triangulate};
+use crate::stereo::triangulate::{StereoBearings, StereoSigmas, fuse_heights, height_m, triangulate, weighted_mean};
 
 /// What a pair of robots measured of each other.
 #[derive(Debug, Clone, Copy)]
@@ -86,23 +86,13 @@ fn measured_pair(problem: &Problem, i: usize, j: usize) -> Option<Pair> {
         of.filter_map(|s| axis(s, radius_m(problem, b))).collect()
     };
     let (there, back) = (looks(i, j), looks(j, i));
-    let baseline = weighted(there.iter().chain(&back).filter_map(|a| a.range), 0.0)?;
+    let baseline = weighted_mean(there.iter().chain(&back).filter_map(|a| a.range))?;
     let bearing = |looks: &[Axis]| {
         let first = looks.first()?.bearing.0;
-        let (mean, sigma) = weighted(looks.iter().map(|a| (wrap(a.bearing.0 - first), a.bearing.1)), 0.0)?;
+        let (mean, sigma) = weighted_mean(looks.iter().map(|a| (wrap(a.bearing.0 - first), a.bearing.1)))?;
         Some((wrap(first + mean), sigma))
     };
     Some(Pair { bearing_21: bearing(&there)?, bearing_12: bearing(&back)?, baseline })
-}
-
-/// Mean by inverse variance, with its sigma.
-fn weighted(values: impl Iterator<Item = (f64, f64)>, start: f64) -> Option<(f64, f64)> {
-    let (mut w, mut wx) = (0.0, start);
-    for (x, sigma) in values {
-        w += sigma.powi(-2);
-        wx += x * sigma.powi(-2);
-    }
-    (w > 0.0).then(|| (wx / w, w.sqrt().recip()))
 }
 
 fn compose(from: &Pose2, cov: &Matrix3<f64>, pair: &Pair) -> (Pose2, Matrix3<f64>) {

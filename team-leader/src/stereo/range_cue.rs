@@ -8,6 +8,8 @@
 
 use protocol::message::{ElevationEnd, TrackObservation, TrackState};
 
+use super::triangulate::weighted_mean;
+
 /// Shoulder width of people, metres, and its spread as a fraction (arms, side view).
 const WIDTH_M: f64 = 0.48;
 const WIDTH_SPREAD: f64 = 0.35;
@@ -103,9 +105,9 @@ impl RangeCue {
         if width > 0.01 {
             cues.push(((WIDTH_M / width).ln(), WIDTH_SPREAD));
         }
-        let beside_top = mean_of(&cues);
+        let beside_top = weighted_mean(cues.iter().copied());
         cues.extend(by_top);
-        let log_range = mean_of(&cues);
+        let log_range = weighted_mean(cues);
         let low = track.ends[1] == ElevationEnd::Seen && high < 2.0 * sigma && camera.height_m < 1.2;
         Self { log_range, beside_top, upper_m, foot_m: steep_m, low }
     }
@@ -120,13 +122,6 @@ impl RangeCue {
         let over = (r - self.upper_m.ln()).max(0.0) / LEAST_SPREAD;
         (by_mean + over * over).min(MOST_COST)
     }
-}
-
-/// Mean of values by the weights of their standard deviations, and its own; `None` of none.
-fn mean_of(cues: &[(f64, f64)]) -> Option<(f64, f64)> {
-    let weight: f64 = cues.iter().map(|(_, s)| s.powi(-2)).sum();
-    let sum: f64 = cues.iter().map(|(m, s)| m * s.powi(-2)).sum();
-    (weight > 0.0).then(|| (sum / weight, weight.sqrt().recip()))
 }
 
 #[cfg(test)]

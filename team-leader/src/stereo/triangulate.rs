@@ -126,6 +126,16 @@ pub fn fuse_heights(one: (f64, f64, f64, f64), two: (f64, f64, f64, f64)) -> (f6
     ((z1 * v2 + z2 * v1) / (v1 + v2), (z1 - z2) / (v1 + v2).sqrt())
 }
 
+/// Mean of values with standard deviations, by inverse variance, and its own; `None` of none.
+pub fn weighted_mean(values: impl IntoIterator<Item = (f64, f64)>) -> Option<(f64, f64)> {
+    let (mut weight, mut sum) = (0.0, 0.0);
+    for (x, sigma) in values {
+        weight += f64::powi(sigma, -2);
+        sum += x * f64::powi(sigma, -2);
+    }
+    (weight > 0.0).then(|| (sum / weight, weight.sqrt().recip()))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
