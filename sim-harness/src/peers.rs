@@ -59,6 +59,8 @@ pub struct Outcome {
     pub views: Vec<Vec<View>>,
     /// What was sighted, a list a picture.
     pub sightings: Vec<Vec<Sighting>>,
+    /// What was fitted where each robot is, and what spoke against it, a list a picture.
+    pub doubts: Vec<Vec<String>>,
     /// What the detector fitted cylinders and plates to, labelled.
     pub fits: Vec<Example>,
     /// Mean time of the detector, microseconds a picture.

@@ -49,6 +49,16 @@ impl Basis {
         }
     }
 
+    /// For people.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Rings => "rings",
+            Self::CylinderEnd => "cylinder's end",
+            Self::Stripes => "stripes",
+            Self::PlateEnd => "plate's end",
+        }
+    }
+
     /// What each value of its traits is of.
     pub fn names(self) -> impl Iterator<Item = &'static str> {
         self.weights().iter().map(|(name, _)| *name)
@@ -67,7 +77,12 @@ pub struct Traits {
 impl Traits {
     /// ln of the odds that it is a robot.
     pub fn log_odds(&self) -> f64 {
-        self.basis.weights().iter().zip(&self.values).map(|((_, weight), value)| weight * value).sum()
+        self.terms().map(|(_, nats)| nats).sum()
+    }
+
+    /// What each trait says for a robot, nats.
+    pub fn terms(&self) -> impl Iterator<Item = (&'static str, f64)> {
+        self.basis.weights().iter().zip(&self.values).map(|((name, weight), value)| (*name, weight * value))
     }
 
     pub(super) fn are_credible(&self) -> bool {

@@ -162,7 +162,7 @@ pub fn report(outcomes: &[Outcome]) -> Report {
                     cell.half_seen.shown += 1;
                     cell.half_seen.found += usize::from(found.is_some());
                     if found.is_none() {
-                        tell(view.bearing_rad, missed(view));
+                        tell(view.bearing_rad, missed(view, &outcome.doubts[picture][n]));
                     }
                 }
                 if let Some(found) = found {
@@ -218,9 +218,9 @@ pub(super) fn distance2(view: &View, sighting: &Sighting) -> f64 {
     peer.covariance.try_inverse().map_or(f64::INFINITY, |inverse| (error.transpose() * inverse * error)[0])
 }
 
-fn missed(view: &View) -> String {
+fn missed(view: &View, doubt: &str) -> String {
     format!(
-        "missed {} {} at {:.1}°, {:.2} m, turned {:.0}°, {:.0} % of {} px to be seen",
+        "missed {} {} at {:.1}°, {:.2} m, turned {:.0}°, {:.0} % of {} px to be seen; {doubt}",
         view.kind.name(),
         view.robot,
         view.bearing_rad.to_degrees(),

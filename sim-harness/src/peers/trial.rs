@@ -8,7 +8,7 @@ use nalgebra::Vector2;
 use protocol::id::RobotId;
 use robot_agent::optics::{CameraFile, MountedCamera};
 use robot_agent::panorama::{Lut, PanoramaGeometry};
-use robot_agent::peers::{Grid, Peer, PeerDetector};
+use robot_agent::peers::{Fit, Grid, Peer, PeerDetector};
 
 use super::{Outcome, PeersError, Plan, layout, verdict};
 use crate::render::Renderer;
@@ -20,6 +20,8 @@ use crate::world::{RobotState, State};
 const PERIOD_S: f64 = 0.1;
 /// From this share on a robot is unhidden (its own mast hides a few pixels).
 const WHOLE: f64 = 0.96;
+/// Most traits that are told of a missed robot.
+const MOST_DOUBTS: usize = 4;
 /// Who hides a part of a robot is this near to the line of sight, metres.
 const BESIDE_M: f64 = 0.5;
 
@@ -169,7 +171,14 @@ pub fn follow(eyes: &Eyes, scenario: &crate::scenario::Scenario, pictures: usize
 /// Renders a layout's pictures and looks for robots in them.
 pub fn look(eyes: &Eyes, plan: &Plan, seed: u64) -> Outcome {
     let pictures = plan.pictures;
-    let mut outcome = Outcome { seed, views: Vec::new(), sightings: Vec::new(), fits: Vec::new(), detector_us: 0.0 };
+    let mut outcome = Outcome {
+        seed,
+        views: Vec::new(),
+        sightings: Vec::new(),
+        doubts: Vec::new(),
+        fits: Vec::new(),
+        detector_us: 0.0,
+    };
     let drawn = layout::draw(&eyes.spec, seed, PERIOD_S * pictures as f64, plan.seen());
     let Some((scenario, world)) = drawn else { return outcome };
     let world = Arc::new(world);
@@ -207,7 +216,9 @@ pub fn look(eyes: &Eyes, plan: &Plan, seed: u64) -> Outcome {
         let start = Instant::now();
         let peers = detector.detect(&picture.gray, &panorama);
         spent_us += start.elapsed().as_secs_f64() * 1e6;
-        outcome.fits.extend(verdict::label(seed, n, detector.take_fits(), &views));
+        let fits = detector.take_fits();
+        outcome.doubts.push(views.iter().map(|view| doubt(view, &fits)).collect());
+        outcome.fits.extend(verdict::label(seed, n, fits, &views));
         outcome.sightings.push(matched(peers, &views));
         outcome.views.push(views);
     }
@@ -250,6 +261,20 @@ fn before(state: &State, n: usize, visible: f64) -> Before {
     } else {
         Before::Thing
     }
+}
+
+/// The likeliest of what was fitted where a robot is, and what spoke most against it: why it was missed, if it was.
+fn doubt(view: &View, fits: &[Fit]) -> String {
+    let near = fits.iter().filter(|fit| view.apart_m(&fit.peer) < view.reach_m());
+    let Some(best) = near.max_by(|a, b| a.traits.log_odds().total_cmp(&b.traits.log_odds())) else {
+        return "nothing fits there".to_owned();
+    };
+    let mut against: Vec<(&str, f64)> = best.traits.terms().collect();
+    against.sort_by(|a, b| a.1.total_cmp(&b.1));
+    let against: Vec<String> =
+        against.iter().take(MOST_DOUBTS).map(|(name, nats)| format!("{name} {nats:.1}")).collect();
+    let (basis, log_odds) = (best.traits.basis.name(), best.traits.log_odds());
+    format!("{basis} fit, log-odds {log_odds:.1}: {}", against.join(", "))
 }
 
 /// An angle in −π … π.
