@@ -12,6 +12,8 @@ pub mod statistics;
 pub mod trial;
 pub mod verdict;
 
+use robot_agent::peers::Traits;
+
 use crate::parallel;
 use crate::scenario::CameraSpec;
 pub use layout::Team;
@@ -59,8 +61,8 @@ pub struct Outcome {
     pub views: Vec<Vec<View>>,
     /// What was sighted, a list a picture.
     pub sightings: Vec<Vec<Sighting>>,
-    /// What was fitted where each robot is, and what spoke against it, a list a picture.
-    pub doubts: Vec<Vec<String>>,
+    /// The likeliest of what was fitted where each robot is, a list a picture.
+    pub likeliest: Vec<Vec<Option<Traits>>>,
     /// What the detector fitted cylinders and plates to, labelled.
     pub fits: Vec<Example>,
     /// Mean time of the detector, microseconds a picture.

@@ -49,16 +49,6 @@ impl Basis {
         }
     }
 
-    /// For people.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Rings => "rings",
-            Self::CylinderEnd => "cylinder's end",
-            Self::Stripes => "stripes",
-            Self::PlateEnd => "plate's end",
-        }
-    }
-
     /// What each value of its traits is of.
     pub fn names(self) -> impl Iterator<Item = &'static str> {
         self.weights().iter().map(|(name, _)| *name)

@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 
+use robot_agent::peers::Traits;
 use serde::Serialize;
 
 use super::Outcome;
@@ -18,6 +19,9 @@ const MOST_TURN_RAD: f64 = std::f64::consts::FRAC_PI_3;
 pub(super) const FOUR_SIGMA: f64 = 19.33;
 /// Pictures in which a robot must be found for its baseline to count.
 const LEAST_PICTURES: usize = 5;
+
+/// Most traits that are told of a missed robot.
+const MOST_DOUBTS: usize = 4;
 
 /// All figures.
 #[derive(Debug, Clone, Serialize)]
@@ -162,7 +166,7 @@ pub fn report(outcomes: &[Outcome]) -> Report {
                     cell.half_seen.shown += 1;
                     cell.half_seen.found += usize::from(found.is_some());
                     if found.is_none() {
-                        tell(view.bearing_rad, missed(view, &outcome.doubts[picture][n]));
+                        tell(view.bearing_rad, missed(view, outcome.likeliest[picture][n].as_ref()));
                     }
                 }
                 if let Some(found) = found {
@@ -218,9 +222,10 @@ pub(super) fn distance2(view: &View, sighting: &Sighting) -> f64 {
     peer.covariance.try_inverse().map_or(f64::INFINITY, |inverse| (error.transpose() * inverse * error)[0])
 }
 
-fn missed(view: &View, doubt: &str) -> String {
+fn missed(view: &View, likeliest: Option<&Traits>) -> String {
+    let why = likeliest.map_or("nothing fits there".to_owned(), doubt);
     format!(
-        "missed {} {} at {:.1}°, {:.2} m, turned {:.0}°, {:.0} % of {} px to be seen; {doubt}",
+        "missed {} {} at {:.1}°, {:.2} m, turned {:.0}°, {:.0} % of {} px to be seen; {why}",
         view.kind.name(),
         view.robot,
         view.bearing_rad.to_degrees(),
@@ -229,6 +234,15 @@ fn missed(view: &View, doubt: &str) -> String {
         100.0 * view.visible,
         view.pixels
     )
+}
+
+/// What was fitted, and what spoke most against its being a robot.
+pub(super) fn doubt(traits: &Traits) -> String {
+    let mut against: Vec<(&str, f64)> = traits.terms().collect();
+    against.sort_by(|a, b| a.1.total_cmp(&b.1));
+    let against: Vec<String> =
+        against.iter().take(MOST_DOUBTS).map(|(name, nats)| format!("{name} {nats:.1}")).collect();
+    format!("{:?} fit, log-odds {:.1}: {}", traits.basis, traits.log_odds(), against.join(", "))
 }
 
 /// What is wrong about a heading, if it is more than 4 σ off.

@@ -74,3 +74,12 @@ fn assert_place(peer: &robot_agent::peers::Peer, range_m: f64, sigma_m: std::ops
     let chi2 = (error.transpose() * peer.covariance.try_inverse().unwrap() * error)[0];
     assert!(chi2 < 11.8 && sigma_m.contains(&peer.range_sigma_m()), "{chi2} {peer:?}");
 }
+
+#[test]
+fn a_miss_says_what_spoke_most_against_a_robot() {
+    use robot_agent::peers::Basis;
+    // Only one trait is there, and much of it: paint that should be black is bright.
+    let values = Basis::Rings.names().map(|name| if name == "black" { 10.0 } else { 0.0 }).collect();
+    let text = statistics::doubt(&Traits { basis: Basis::Rings, values });
+    assert!(text.starts_with("Rings fit, log-odds -") && text.contains(": black -"), "{text}");
+}

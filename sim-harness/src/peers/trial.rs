@@ -8,7 +8,7 @@ use nalgebra::Vector2;
 use protocol::id::RobotId;
 use robot_agent::optics::{CameraFile, MountedCamera};
 use robot_agent::panorama::{Lut, PanoramaGeometry};
-use robot_agent::peers::{Fit, Grid, Peer, PeerDetector};
+use robot_agent::peers::{Fit, Grid, Peer, PeerDetector, Traits};
 
 use super::{Outcome, PeersError, Plan, layout, verdict};
 use crate::render::Renderer;
@@ -20,8 +20,6 @@ use crate::world::{RobotState, State};
 const PERIOD_S: f64 = 0.1;
 /// From this share on a robot is unhidden (its own mast hides a few pixels).
 const WHOLE: f64 = 0.96;
-/// Most traits that are told of a missed robot.
-const MOST_DOUBTS: usize = 4;
 /// Who hides a part of a robot is this near to the line of sight, metres.
 const BESIDE_M: f64 = 0.5;
 
@@ -127,9 +125,9 @@ impl View {
         ((self.range_m - peer.range_m).powi(2) + self.range_m * peer.range_m * side * side).sqrt()
     }
 
-    /// What is sighted nearer than this may be it, metres.
-    pub(super) fn reach_m(&self) -> f64 {
-        0.2 + 0.05 * self.range_m
+    /// Whether what is sighted is near enough to be it.
+    pub(super) fn may_be(&self, peer: &Peer) -> bool {
+        self.apart_m(peer) < 0.2 + 0.05 * self.range_m
     }
 }
 
@@ -175,7 +173,7 @@ pub fn look(eyes: &Eyes, plan: &Plan, seed: u64) -> Outcome {
         seed,
         views: Vec::new(),
         sightings: Vec::new(),
-        doubts: Vec::new(),
+        likeliest: Vec::new(),
         fits: Vec::new(),
         detector_us: 0.0,
     };
@@ -217,7 +215,7 @@ pub fn look(eyes: &Eyes, plan: &Plan, seed: u64) -> Outcome {
         let peers = detector.detect(&picture.gray, &panorama);
         spent_us += start.elapsed().as_secs_f64() * 1e6;
         let fits = detector.take_fits();
-        outcome.doubts.push(views.iter().map(|view| doubt(view, &fits)).collect());
+        outcome.likeliest.push(views.iter().map(|view| likeliest(view, &fits)).collect());
         outcome.fits.extend(verdict::label(seed, n, fits, &views));
         outcome.sightings.push(matched(peers, &views));
         outcome.views.push(views);
@@ -263,18 +261,10 @@ fn before(state: &State, n: usize, visible: f64) -> Before {
     }
 }
 
-/// The likeliest of what was fitted where a robot is, and what spoke most against it: why it was missed, if it was.
-fn doubt(view: &View, fits: &[Fit]) -> String {
-    let near = fits.iter().filter(|fit| view.apart_m(&fit.peer) < view.reach_m());
-    let Some(best) = near.max_by(|a, b| a.traits.log_odds().total_cmp(&b.traits.log_odds())) else {
-        return "nothing fits there".to_owned();
-    };
-    let mut against: Vec<(&str, f64)> = best.traits.terms().collect();
-    against.sort_by(|a, b| a.1.total_cmp(&b.1));
-    let against: Vec<String> =
-        against.iter().take(MOST_DOUBTS).map(|(name, nats)| format!("{name} {nats:.1}")).collect();
-    let (basis, log_odds) = (best.traits.basis.name(), best.traits.log_odds());
-    format!("{basis} fit, log-odds {log_odds:.1}: {}", against.join(", "))
+/// The likeliest of what was fitted where a robot is.
+fn likeliest(view: &View, fits: &[Fit]) -> Option<Traits> {
+    let there = fits.iter().filter(|fit| view.may_be(&fit.peer)).map(|fit| &fit.traits);
+    there.max_by(|a, b| a.log_odds().total_cmp(&b.log_odds())).cloned()
 }
 
 /// An angle in −π … π.
@@ -289,7 +279,7 @@ fn matched(peers: Vec<Peer>, views: &[View]) -> Vec<Sighting> {
         .into_iter()
         .map(|peer| {
             let near = (0..views.len())
-                .filter(|n| !taken[*n] && views[*n].apart_m(&peer) < views[*n].reach_m())
+                .filter(|n| !taken[*n] && views[*n].may_be(&peer))
                 .min_by(|a, b| views[*a].apart_m(&peer).total_cmp(&views[*b].apart_m(&peer)));
             if let Some(n) = near {
                 taken[n] = true;

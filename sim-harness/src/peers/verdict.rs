@@ -48,7 +48,7 @@ pub fn label(seed: u64, picture: usize, fits: Vec<Fit>, views: &[View]) -> impl 
     fits.into_iter().map(move |Fit { peer, traits, is_taken }| {
         let is_plate = matches!(traits.basis, Basis::Stripes | Basis::PlateEnd);
         let alike = views.iter().filter(|v| (v.kind == Kind::Rectangle) == is_plate);
-        let near = alike.filter(|v| v.apart_m(&peer) < v.reach_m());
+        let near = alike.filter(|v| v.may_be(&peer));
         let is_robot = match near.min_by(|a, b| a.apart_m(&peer).total_cmp(&b.apart_m(&peer))) {
             None => Some(false),
             Some(view) => {
