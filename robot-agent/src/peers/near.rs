@@ -30,7 +30,7 @@ const PLACES: usize = 11;
 const WIDEST_SINE: f64 = 0.85;
 /// Of them may miss the contrast; on bodies with bars, which may be as bright as the lid above them.
 const STRAYS: usize = 2;
-const BARRED_STRAYS: usize = 4;
+const BARRED_STRAYS: usize = 6;
 /// Least contrast, grey levels.
 const LEAST_STEP: i32 = 6;
 /// Every so many columns.

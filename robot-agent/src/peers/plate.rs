@@ -11,6 +11,7 @@
 
 pub(super) mod credible;
 mod ends;
+mod line;
 mod plane;
 mod rim;
 mod search;
@@ -27,8 +28,9 @@ use super::verdict::{Fit, Fits, Traits};
 use super::{Find, Peer, PeerFeature};
 use crate::optics::MountedCamera;
 use ends::side_sigma;
+use line::LineSearch;
 use plane::{Plane, PlaneFit};
-use rim::{RimSearch, SideShown};
+use rim::SideShown;
 use search::{PlateCandidate, PlateSearch};
 
 /// Turns of a known plate that the fit starts from, radians; of one that was searched for, beside the turn that was found.
@@ -69,7 +71,9 @@ pub struct PlateFinder {
     /// The plate's stripes as rings: what profiles are worked out of.
     pillar: CylinderLook,
     search: PlateSearch,
-    rim_search: RimSearch,
+    /// By the upper end, and by the edge between the two upper stripes.
+    end_search: LineSearch,
+    edge_search: LineSearch,
     samples: Vec<Sample>,
     /// Of the sensor in the picture at hand, squared grey levels.
     noise2: f64,
@@ -123,8 +127,10 @@ impl PlateFinder {
         let lowest = camera.camera().elevation_rad()[0].tan();
         let pillar = look.pillar();
         let search = PlateSearch::new(grid, &look, camera.viewpoint_body_m().z, lowest);
-        let rim_search = RimSearch::new(grid, &look, camera.viewpoint_body_m().z);
-        Self { look, pillar, search, rim_search, samples: Vec::new(), noise2: 0.0, fits: Fits::default() }
+        let by_line = |line_m: f64| LineSearch::new(grid, &look, line_m, camera.viewpoint_body_m().z);
+        let end_search = by_line(pillar.high_m());
+        let edge_search = by_line(pillar.edges_m[pillar.edges_m.len() - 2]);
+        Self { look, pillar, search, end_search, edge_search, samples: Vec::new(), noise2: 0.0, fits: Fits::default() }
     }
 
     /// Bytes of the panorama that the search expects.
@@ -167,10 +173,18 @@ impl PlateFinder {
                 self.take(&mut found, fit);
             }
         }
-        let rims = panorama.map_or(Vec::new(), |panorama| self.rim_search.run(panorama));
-        for candidate in rims {
+        let (by_end, by_edge) = panorama.map_or((Vec::new(), Vec::new()), |panorama| {
+            (self.end_search.run(panorama), self.edge_search.run(panorama))
+        });
+        for candidate in by_edge {
             if !self.is_found(&found, &candidate) {
-                let [by_stripes, by_end] = self.look_at_rim(camera, rays, raw, &candidate);
+                let fit = self.look_closer(camera, rays, raw, &candidate, &[0.0]);
+                self.take(&mut found, fit);
+            }
+        }
+        for candidate in by_end {
+            if !self.is_found(&found, &candidate) {
+                let [by_stripes, by_end] = self.look_at_end(camera, rays, raw, &candidate);
                 let is_found = by_stripes.as_ref().is_some_and(|fit| fit.is_taken);
                 self.take(&mut found, by_stripes);
                 if !is_found {
@@ -201,7 +215,7 @@ impl PlateFinder {
     }
 
     /// A plate that was searched for by its upper end: by its stripes, and by that end.
-    fn look_at_rim(
+    fn look_at_end(
         &mut self,
         camera: &MountedCamera,
         rays: &mut PixelRays,

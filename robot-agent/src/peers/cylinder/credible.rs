@@ -40,25 +40,25 @@ pub(in super::super) const RINGS: [Weight; 18] = [
 ];
 /// Of bodies so near that the marker's upper end alone is seen ([`super::super::near`]).
 pub(in super::super) const END: [Weight; 15] = [
-    ("any", -25.171),
+    ("any", -22.410),
     // Share of the columns in which the upper end is where the curve says, what is missing to 0.75, and tenths above 0.9.
-    ("visible", 15.744),
-    ("hardly visible", 28.009),
-    ("wholly visible", 0.991),
-    ("outline", 2.862),
-    ("two outlines", 4.566),
-    ("outlines' way", -1.215),
+    ("visible", 13.082),
+    ("hardly visible", 21.848),
+    ("wholly visible", 1.155),
+    ("outline", 2.738),
+    ("two outlines", 4.839),
+    ("outlines' way", -0.820),
     // Bars were read at all.
-    ("bars are read", 1.535),
-    ("bars' misfit", -1.690),
+    ("bars are read", 0.879),
+    ("bars' misfit", -1.382),
     // No other name would do.
-    ("named", 3.758),
-    ("no bars", -3.047),
-    ("bars", 1.228),
-    ("plain team", 0.205),
+    ("named", 3.118),
+    ("no bars", -2.449),
+    ("bars", 1.437),
+    ("plain team", -0.669),
     // Metres beyond where a ring edge comes into view.
-    ("ring edge", -1.180),
-    ("contrast", 1.826),
+    ("ring edge", -2.215),
+    ("contrast", 1.762),
 ];
 /// Beyond, a body of 0.2 m is 14 pixels wide and much looks like it, metres.
 const FARTHEST_M: f64 = 6.2;

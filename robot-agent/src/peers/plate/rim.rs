@@ -1,53 +1,36 @@
-//! A plate so near that at most a corner of its second stripe is in view: found and measured by its upper end.
+//! A plate so near that at most a corner of its second stripe is in view: measured by its upper end.
 //!
 //! Problem: below 0.8 m a camera at 0.6 m sees one stripe of a plate, and stripes are what it is found by. Insight: the upper end
 //! is a straight level line of announced height, whose place in each column gives the plane as stripes do; it must end on both
-//! sides in upright edges just as far apart as the plate is wide. Algorithm: as for near cylinders (`super::super::near`) at every
-//! distance and turn the contrast across the line is taken at ten places and across both sides; the best are fitted column by
-//! column. Where a corner of the second stripe is in view it must be the announced one, and says which side one looks at. Where none
-//! is, front and back look alike and doors look like either (one in 370 rooms): such plates are taken only very near, where
-//! everything fits better than it need, and are put midway between what front and back would mean.
-
-use std::f64::consts::TAU;
+//! sides in upright edges just as far apart as the plate is wide. Algorithm: what was found by its line (`super::line`) is fitted
+//! column by column. Where a corner of the second stripe is in view it must be the announced one, and says which side one looks at.
+//! Where none is, front and back look alike and doors look like either (one in 370 rooms): such plates are taken only very near,
+//! where everything fits better than it need, and are put midway between what front and back would mean.
 
 use nalgebra::{Matrix2, Matrix3, Vector3};
 use protocol::angle::{difference, wrap};
 
-use super::super::look::PlateLook;
-use super::super::near::{self, OUTLINE_BELOW, OUTLINE_EVERY, Rim};
+use super::super::near;
 use super::super::rays::Sample;
 use super::super::rings::{BLUR_PX, median};
-use super::super::search::{Grid, Peak, strongest};
 use super::plane::{Plane, PlaneFit, black, shown, shows_edge};
-use super::search::PlateCandidate;
 use super::{PlateFinder, Posed};
 
-/// Nearest and farthest distance of a plate's middle, metres, and the step between distances.
-const DISTANCE_M: [f64; 2] = [0.4, 1.15];
-const STEP: f64 = 1.04;
-/// Turns of the plate from or towards the line of sight, radians.
-const TURNS: [f64; 9] = [0.0, -0.25, 0.25, -0.5, 0.5, -0.75, 0.75, -1.0, 1.0];
-/// Places along the line, as shares of the half width, and how many must be in view.
-const PLACES: [f64; 10] = [-0.9, -0.7, -0.5, -0.3, -0.1, 0.1, 0.3, 0.5, 0.7, 0.9];
-const LEAST_PLACES: usize = 8;
-/// Least contrast of the line, and from where on more says no more, grey levels.
-const LEAST_STEP: i32 = 5;
-const MOST_LINE: i32 = 30;
-/// Rows in which a side is looked at, least and most.
-const OUTLINE_ROWS: [usize; 2] = [3, 8];
-/// Columns between two places of the search.
-const STRIDE: usize = 2;
-const MAX_CANDIDATES: usize = 32;
 /// Columns of the fit: so many at most, so wide at least, pixels.
 const MOST_COLUMNS: f64 = 80.0;
 const COLUMN_PX: f64 = 1.5;
+/// A column is in view with so many pixels.
+const LEAST_PIXELS: usize = 4;
 /// So far above and below the line a column is looked at, pixels.
 const REACH_PX: [f64; 2] = [3.5, 5.0];
 const ROUNDS: usize = 6;
 /// Least columns and share of them that agree, and their largest RMS distance from the line, pixels.
 const LEAST_COLUMNS: usize = 10;
-const LEAST_AGREEING: f64 = 0.6;
+const LEAST_AGREEING: f64 = 0.4;
 const WORST_RMS_PX: f64 = 0.3;
+/// A column that is as near to the line as this agrees, round by round; from so far on it counts less. Pixels.
+const GATES_PX: [f64; ROUNDS] = [1.5, 1.5, 0.9, 0.6, 0.6, 0.6];
+const STRAY_PX: f64 = 0.3;
 /// The line is straight and level to this, pixels.
 const LINE_FLOOR_PX: f64 = 0.05;
 /// What a line is worth beside stripes: where both are to be had, stripes are taken.
@@ -56,8 +39,8 @@ const CORRELATION: f64 = 0.97;
 const STRAIGHT: f64 = 0.06;
 /// So many columns must show two stripes: without, chairs, boxes and doors are taken for plates.
 const DECIDING_COLUMNS: usize = 5;
-/// A side is seen by at least this share of them.
-const LEAST_SAME_SIDE: f64 = 0.6;
+/// A side is seen by at least this share of them: a mast before the plate may hide the others.
+const LEAST_SAME_SIDE: f64 = 0.4;
 /// With one stripe in view a plate must be within these bounds (nearer than 0.6 m from axis to axis are no robots), metres.
 const EITHER_SIDE_M: std::ops::Range<f64> = 0.4..1.0;
 /// Paint is as even as this share of the contrast, or as noise; looked at so far from its borders, in so many pixels at least.
@@ -84,90 +67,6 @@ pub(super) enum SideShown {
     Unseen,
     /// Something else shows.
     Neither,
-}
-
-#[derive(Debug)]
-struct Level {
-    distance_m: f64,
-    turn_rad: f64,
-    half_columns: f64,
-    /// Column beside the middle's and row of the line's lower side there.
-    places: Vec<(i64, usize)>,
-    /// Columns of right and left side beside the middle's, and the rows in which they are looked at.
-    sides: [(i64, Vec<usize>); 2],
-}
-
-/// The coarse search for near plates.
-#[derive(Debug)]
-pub(super) struct RimSearch {
-    grid: Grid,
-    levels: Vec<Level>,
-}
-
-impl RimSearch {
-    /// Prepares the lines of a look for a camera at this height.
-    pub(super) fn new(grid: Grid, look: &PlateLook, camera_height_m: f64) -> Self {
-        let [top, bottom] = grid.tangents;
-        let rise = look.bottom_m + look.height_m - camera_height_m;
-        let row = |distance: f64| (top - rise / distance) / (top - bottom) * grid.height as f64;
-        let mut levels = Vec::new();
-        let mut distance_m = DISTANCE_M[0];
-        while distance_m < DISTANCE_M[1] {
-            for turn_rad in TURNS {
-                let at = |share: f64| {
-                    let y = 0.5 * share * look.width_m;
-                    let (ahead, aside) = ((distance_m - y * turn_rad.sin()).max(0.1), y * turn_rad.cos());
-                    ((-aside.atan2(ahead) / TAU * grid.width as f64).round() as i64, row(ahead.hypot(aside)))
-                };
-                let places: Vec<_> = PLACES
-                    .into_iter()
-                    .map(at)
-                    .filter(|(_, row)| *row >= 4.0 && row + 3.0 < grid.height as f64)
-                    .map(|(column, row)| (column, row.round() as usize))
-                    .collect();
-                let sides = [-1.0, 1.0].map(|share| {
-                    let (column, row) = at(share);
-                    let first = row.round().max(0.0) as usize + OUTLINE_BELOW;
-                    (column, (first..grid.height).step_by(OUTLINE_EVERY).take(OUTLINE_ROWS[1]).collect::<Vec<_>>())
-                });
-                if places.len() >= LEAST_PLACES && sides.iter().any(|(_, rows)| rows.len() >= OUTLINE_ROWS[0]) {
-                    let half_columns = 0.5 * (sides[0].0 - sides[1].0).abs() as f64;
-                    levels.push(Level { distance_m, turn_rad, half_columns, places, sides });
-                }
-            }
-            distance_m *= STEP;
-        }
-        Self { grid, levels }
-    }
-
-    /// Candidates, best first. `panorama` holds one byte a pixel of the grid.
-    pub(super) fn run(&self, panorama: &[u8]) -> Vec<PlateCandidate> {
-        let width = self.grid.width;
-        let mut peaks: Vec<Peak> = Vec::new();
-        for (l, level) in self.levels.iter().enumerate() {
-            for u in (0..width).step_by(STRIDE) {
-                let contrast = near::contrast_across(panorama, width, &level.places, u, LEAST_STEP, Rim::Plain);
-                if contrast >= LEAST_STEP {
-                    let outline =
-                        |(beside, rows): &(i64, Vec<usize>)| near::contrast_beside(panorama, width, *beside, rows, u);
-                    let outlines: i32 = level.sides.iter().map(outline).sum();
-                    peaks.push(((6 * outlines + contrast.min(MOST_LINE)) as f32, l, u));
-                }
-            }
-        }
-        let is_near = |l: usize, other: usize, apart: f64| {
-            let (own, other) = (&self.levels[l], &self.levels[other]);
-            apart < 0.4 * own.half_columns
-                && (0.9..1.11).contains(&(own.distance_m / other.distance_m))
-                && (own.turn_rad - other.turn_rad).abs() < 0.6
-        };
-        let candidate = |(_, l, u): Peak| PlateCandidate {
-            bearing_rad: wrap(self.grid.seam_rad - TAU * (u as f64 + 0.5) / width as f64),
-            distance_m: self.levels[l].distance_m,
-            turn_rad: self.levels[l].turn_rad,
-        };
-        strongest(peaks, width, MAX_CANDIDATES, is_near).into_iter().map(candidate).collect()
-    }
 }
 
 /// Pixels of a column about the line (how much higher, gray), and sums of their bearings and scales.
@@ -208,8 +107,8 @@ impl PlateFinder {
                 0 | 1 => median(&mut one_sign().map(|c| c.higher_px).collect::<Vec<_>>()),
                 _ => 0.0,
             };
-            let gate = if round < 2 { 1.5 } else { 0.6 };
-            let agreeing: Vec<&Crossing> = one_sign().filter(|c| (c.higher_px - centre).abs() < gate).collect();
+            let gate_px = GATES_PX[round];
+            let agreeing: Vec<&Crossing> = one_sign().filter(|c| (c.higher_px - centre).abs() < gate_px).collect();
             if agreeing.len() < LEAST_COLUMNS || (agreeing.len() as f64) < LEAST_AGREEING * asked as f64 {
                 return None;
             }
@@ -227,7 +126,9 @@ impl PlateFinder {
                     (elevation(alpha, c * 1.0001, 0.0, at) - here) / (c * 1e-4),
                     (elevation(alpha, c, 1e-3, at) - here) / 1e-3,
                 ) * crossing.px_per_rad;
-                let weight = 1.0 / (crossing.variance_px2 + LINE_FLOOR_PX * LINE_FLOOR_PX);
+                // What is beside the line in the background pulls no column far.
+                let away = (crossing.higher_px - centre) / STRAY_PX;
+                let weight = 1.0 / (crossing.variance_px2 + LINE_FLOOR_PX * LINE_FLOOR_PX) / (1.0 + away * away);
                 h += weight * row * row.transpose();
                 g += weight * row * crossing.higher_px;
                 chi2 += weight * crossing.higher_px * crossing.higher_px;
@@ -303,6 +204,7 @@ impl PlateFinder {
             let bearing_rad = wrap(right + column.along / n);
             Some(Crossing { bearing_rad, higher_px, variance_px2, step, noise, px_per_rad: column.scale / n })
         };
+        let count = columns.iter().filter(|column| column.pixels.len() >= LEAST_PIXELS).count();
         (columns.iter().filter_map(crossing).collect(), count)
     }
 

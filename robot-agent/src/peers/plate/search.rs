@@ -204,12 +204,12 @@ fn path(grid: &Grid, distance_m: f64, half_m: f64, turn: f64) -> [(i32, i32); PL
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use super::*;
 
-    #[test]
-    fn a_plate_is_found_at_its_place_with_its_turn_from_either_side() {
-        let look = PlateLook {
+    /// Of four stripes.
+    pub(in super::super) fn look() -> PlateLook {
+        PlateLook {
             width_m: 0.4,
             height_m: 0.4,
             left_edge_m: 0.2,
@@ -217,8 +217,16 @@ mod tests {
             bottom_m: 0.1,
             edges_m: vec![0.1, 0.2, 0.3, 0.4, 0.5],
             reflectance: vec![0.85, 0.1, 0.85, 0.1],
-        };
-        let grid = Grid { width: 1086, height: 120, seam_rad: std::f64::consts::PI, tangents: [0.36, -0.27] };
+        }
+    }
+
+    /// Of a camera at 0.6 m.
+    pub(in super::super) const GRID: Grid =
+        Grid { width: 1086, height: 120, seam_rad: std::f64::consts::PI, tangents: [0.36, -0.27] };
+
+    #[test]
+    fn a_plate_is_found_at_its_place_with_its_turn_from_either_side() {
+        let (look, grid) = (look(), GRID);
         let mut search = PlateSearch::new(grid, &look, 0.6, -0.27);
         for (bearing, distance, turn, is_back) in
             [(0.3, 0.9, 0.5, false), (3.1, 1.0, -0.9, true), (-2.0, 2.0, 0.9, false), (1.0, 4.5, 0.2, true)]
@@ -239,7 +247,14 @@ mod tests {
     }
 
     /// A plate before a grey wall, by its definition: each pixel's ray meets its plane.
-    fn drawn(grid: &Grid, look: &PlateLook, bearing: f64, distance: f64, turn: f64, is_back: bool) -> Vec<u8> {
+    pub(in super::super) fn drawn(
+        grid: &Grid,
+        look: &PlateLook,
+        bearing: f64,
+        distance: f64,
+        turn: f64,
+        is_back: bool,
+    ) -> Vec<u8> {
         let mut out = vec![90u8; grid.width * grid.height];
         let c = distance * turn.cos();
         for u in 0..grid.width {
