@@ -93,7 +93,7 @@ impl PlateFinder {
         let mut plane = start;
         let half = 0.5 * self.look.width_m;
         let mut fitted = None;
-        for round in 0..ROUNDS {
+        for (round, gate_px) in GATES_PX.into_iter().enumerate() {
             // Along the plane from the foot of its normal.
             let middle = plane.c * (bearing - plane.alpha).tan();
             let [right, left] =
@@ -107,7 +107,6 @@ impl PlateFinder {
                 0 | 1 => median(&mut one_sign().map(|c| c.higher_px).collect::<Vec<_>>()),
                 _ => 0.0,
             };
-            let gate_px = GATES_PX[round];
             let agreeing: Vec<&Crossing> = one_sign().filter(|c| (c.higher_px - centre).abs() < gate_px).collect();
             if agreeing.len() < LEAST_COLUMNS || (agreeing.len() as f64) < LEAST_AGREEING * asked as f64 {
                 return None;
