@@ -68,11 +68,25 @@ const MOST_STEP_PX: f64 = 2.8;
 struct Level {
     range_m: f64,
     half_columns: f64,
-    /// Column beside the axis' and row of the curve's lower side there.
-    places: Vec<(i64, usize)>,
-    /// Column of the left outline beside the axis', and rows in which the outlines are looked at.
-    outline_columns: i64,
-    outline_rows: Vec<usize>,
+    rim: Curve,
+}
+
+/// A level line or curve of a body as it lies in a panorama, and the upright outlines at its ends.
+#[derive(Debug)]
+pub(super) struct Curve {
+    /// Column beside the middle's and row of the lower side there; at most [`PLACES`].
+    pub(super) places: Vec<(i64, usize)>,
+    /// Columns of right and left outline beside the middle's, and the rows in which they are looked at.
+    pub(super) sides: [(i64, Vec<usize>); 2],
+}
+
+impl Curve {
+    /// What the outlines show and then the curve, with its middle in column `u`; `None` where the curve has less contrast than `least`.
+    pub(super) fn shows(&self, panorama: &[u8], width: usize, u: usize, least: i32, rim: Rim) -> Option<f32> {
+        let contrast = contrast_across(panorama, width, &self.places, u, least, rim);
+        let outline = |(beside, rows): &(i64, Vec<usize>)| contrast_beside(panorama, width, *beside, rows, u);
+        (contrast >= least).then(|| (6 * self.sides.iter().map(outline).sum::<i32>() + contrast.min(MOST_CURVE)) as f32)
+    }
 }
 
 /// How the marker's upper end looks all along.
@@ -129,8 +143,6 @@ pub struct NearSearch {
 impl NearSearch {
     /// Prepares the curves of a look for a camera at this height.
     pub fn new(grid: Grid, look: &CylinderLook, camera_height_m: f64, reach: &Reach) -> Self {
-        let [top, bottom] = grid.tangents;
-        let per_row = grid.height as f64 / (top - bottom);
         let rise = look.high_m() - camera_height_m;
         let mut levels = Vec::new();
         // Round the body the upper end is further away, and may be in view there before it is in the middle.
@@ -141,19 +153,19 @@ impl NearSearch {
                 let sine = WIDEST_SINE * (2.0 * k as f64 / (PLACES - 1) as f64 - 1.0);
                 let aside = (look.radius_m * sine / range_m).asin();
                 let distance = range_m * aside.cos() - look.radius_m * (1.0 - sine * sine).sqrt();
-                let row = (top - rise / distance) * per_row;
+                let row = grid.row(rise / distance);
                 // Three rows above, two below.
                 let fits = row >= 4.0 && row + 3.0 < grid.height as f64;
                 fits.then(|| ((-aside / TAU * grid.width as f64).round() as i64, row.round() as usize))
             });
             let places: Vec<_> = places.collect();
             // The curve meets the outlines at their distance.
-            let side = (top - rise / (range_m * range_m - look.radius_m * look.radius_m).sqrt()) * per_row;
+            let side = grid.row(rise / (range_m * range_m - look.radius_m * look.radius_m).sqrt());
             let first = side.round().max(0.0) as usize + OUTLINE_BELOW;
-            let outline_rows = (first..grid.height).step_by(OUTLINE_EVERY).take(OUTLINE_ROWS[1]).collect();
+            let rows: Vec<usize> = (first..grid.height).step_by(OUTLINE_EVERY).take(OUTLINE_ROWS[1]).collect();
             if places.len() > PLACES / 2 {
-                let outline_columns = half_columns.round() as i64;
-                levels.push(Level { range_m, half_columns, places, outline_columns, outline_rows });
+                let sides = [-1, 1].map(|sign| (sign * half_columns.round() as i64, rows.clone()));
+                levels.push(Level { range_m, half_columns, rim: Curve { places, sides } });
             }
             range_m *= RANGE_STEP;
         }
@@ -173,13 +185,7 @@ impl NearSearch {
         let mut peaks: Vec<Peak> = Vec::new();
         for (l, level) in self.levels.iter().enumerate() {
             for u in (0..width).step_by(STRIDE) {
-                let contrast = contrast_across(panorama, width, &level.places, u, LEAST_STEP, rim);
-                if contrast >= LEAST_STEP {
-                    let sides = [-level.outline_columns, level.outline_columns];
-                    let outline = |beside| contrast_beside(panorama, width, beside, &level.outline_rows, u);
-                    let outlines: i32 = sides.into_iter().map(outline).sum();
-                    peaks.push(((6 * outlines + contrast.min(MOST_CURVE)) as f32, l, u));
-                }
+                peaks.extend(level.rim.shows(panorama, width, u, LEAST_STEP, rim).map(|shows| (shows, l, u)));
             }
         }
         let is_near = |l: usize, other: usize, apart: f64| {
@@ -189,7 +195,7 @@ impl NearSearch {
         strongest(peaks, width, most, is_near)
             .into_iter()
             .map(|(_, l, u)| {
-                let bearing_rad = protocol::angle::wrap(self.grid.seam_rad - TAU * (u as f64 + 0.5) / width as f64);
+                let bearing_rad = self.grid.bearing_rad(u as f64);
                 let range_m = self.levels[l].range_m;
                 Candidate {
                     bearing_rad,
@@ -206,14 +212,7 @@ impl NearSearch {
 
 /// The contrast across a line or curve that all but a few places reach (at most [`PLACES`]: columns beside `u`, and rows of its
 /// lower side there), whichever side is the brighter one; 0 where more than a few have less than `least`.
-pub(super) fn contrast_across(
-    panorama: &[u8],
-    width: usize,
-    places: &[(i64, usize)],
-    u: usize,
-    least: i32,
-    rim: Rim,
-) -> i32 {
+fn contrast_across(panorama: &[u8], width: usize, places: &[(i64, usize)], u: usize, least: i32, rim: Rim) -> i32 {
     let most_strays = rim.strays();
     let mut steps = [0i32; PLACES];
     let (mut not_up, mut not_down) = (0, 0);
@@ -239,7 +238,7 @@ pub(super) fn contrast_across(
 
 /// Mean contrast across an upright outline `beside` columns from `u`, whichever half is the brighter one in a row; 0 where too few
 /// rows are in view.
-pub(super) fn contrast_beside(panorama: &[u8], width: usize, beside: i64, rows: &[usize], u: usize) -> i32 {
+fn contrast_beside(panorama: &[u8], width: usize, beside: i64, rows: &[usize], u: usize) -> i32 {
     if rows.len() < OUTLINE_ROWS[0] {
         return 0;
     }

@@ -165,6 +165,7 @@ impl PlateFinder {
                 true => (c, OTHER_TURNS.as_slice()),
                 false => (PlateCandidate { turn_rad: 0.0, ..c }, TURNS.as_slice()),
             }));
+            candidates.extend(self.edge_search.run(panorama).into_iter().map(|c| (c, [0.0].as_slice())));
         }
         let mut found: Vec<Find> = Vec::new();
         for (candidate, turns) in candidates {
@@ -173,16 +174,7 @@ impl PlateFinder {
                 self.take(&mut found, fit);
             }
         }
-        let (by_end, by_edge) = panorama.map_or((Vec::new(), Vec::new()), |panorama| {
-            (self.end_search.run(panorama), self.edge_search.run(panorama))
-        });
-        for candidate in by_edge {
-            if !self.is_found(&found, &candidate) {
-                let fit = self.look_closer(camera, rays, raw, &candidate, &[0.0]);
-                self.take(&mut found, fit);
-            }
-        }
-        for candidate in by_end {
+        for candidate in panorama.map_or(Vec::new(), |panorama| self.end_search.run(panorama)) {
             if !self.is_found(&found, &candidate) {
                 let [by_stripes, by_end] = self.look_at_end(camera, rays, raw, &candidate);
                 let is_found = by_stripes.as_ref().is_some_and(|fit| fit.is_taken);

@@ -58,6 +58,17 @@ impl Grid {
             }
         })
     }
+
+    /// Bearing of the middle of a column, radians.
+    pub(super) fn bearing_rad(&self, column: f64) -> f64 {
+        protocol::angle::wrap(self.seam_rad - TAU * (column + 0.5) / self.width as f64)
+    }
+
+    /// Row in which the tangent of an elevation lies: the middle of the first one is at ½.
+    pub(super) fn row(&self, tangent: f64) -> f64 {
+        let [top, bottom] = self.tangents;
+        (top - tangent) / (top - bottom) * self.height as f64
+    }
 }
 
 /// A place where a body may be.
@@ -182,10 +193,10 @@ impl Search {
     }
 
     fn candidate(&self, l: usize, u: usize, support: f32) -> Candidate {
-        let Grid { width, seam_rad, .. } = self.grid;
+        let width = self.grid.width;
         let level = &self.levels[l];
         let reach = (level.half_columns * 1.1).ceil() as i64;
-        let bearing = |x: f64| protocol::angle::wrap(seam_rad - TAU * (x + 0.5) / width as f64);
+        let bearing = |column: f64| self.grid.bearing_rad(column);
         let seen: Vec<i64> = (-reach..=reach)
             .filter(|d| self.votes[l * width + (u as i64 + d).rem_euclid(width as i64) as usize] > 0.3)
             .collect();
@@ -213,18 +224,21 @@ pub(super) fn strongest(
     near: impl Fn(usize, usize, f64) -> bool,
 ) -> Vec<Peak> {
     peaks.sort_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)).then(a.2.cmp(&b.2)));
-    let mut picked: Vec<Peak> = Vec::new();
-    for (support, l, u) in peaks {
-        let is_near = |(_, level, column): &Peak| {
-            let apart = (u + width - column) % width;
-            near(l, *level, apart.min(width - apart) as f64)
-        };
-        if picked.iter().any(is_near) {
-            continue;
-        }
-        picked.push((support, l, u));
+    unlike(peaks, most, |(_, l, u), (_, level, column)| {
+        let apart = (u + width - column) % width;
+        near(*l, *level, apart.min(width - apart) as f64)
+    })
+}
+
+/// At most `most` of what comes best first, leaving out what is `like` something better.
+pub(super) fn unlike<T>(best_first: impl IntoIterator<Item = T>, most: usize, like: impl Fn(&T, &T) -> bool) -> Vec<T> {
+    let mut picked: Vec<T> = Vec::new();
+    for item in best_first {
         if picked.len() == most {
             break;
+        }
+        if !picked.iter().any(|better| like(&item, better)) {
+            picked.push(item);
         }
     }
     picked
@@ -241,12 +255,10 @@ pub(super) fn bands(
     lowest: f64,
     distance_m: f64,
 ) -> Option<Vec<Band>> {
-    let [top, bottom] = grid.tangents;
-    let row = |tangent: f64| (top - tangent) / (top - bottom) * grid.height as f64;
     let mut bands = Vec::new();
     for (edges, reflectance) in edges_m.windows(2).zip(reflectance) {
-        let upper = row((edges[1] - camera_height_m) / distance_m) + TRIM_ROWS;
-        let lower = row(((edges[0] - camera_height_m) / distance_m).max(lowest)) - TRIM_ROWS;
+        let upper = grid.row((edges[1] - camera_height_m) / distance_m) + TRIM_ROWS;
+        let lower = grid.row(((edges[0] - camera_height_m) / distance_m).max(lowest)) - TRIM_ROWS;
         let from = upper.ceil().max(0.0) as usize;
         let to = (lower.floor().max(0.0) as usize).min(grid.height);
         if from < to {

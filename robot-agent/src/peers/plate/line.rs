@@ -7,24 +7,22 @@
 
 use std::f64::consts::TAU;
 
-use protocol::angle::{difference, wrap};
+use protocol::angle::difference;
 
 use super::super::look::PlateLook;
-use super::super::near::{self, OUTLINE_BELOW, OUTLINE_EVERY, Rim};
-use super::super::search::{Grid, Peak, strongest};
-use super::search::PlateCandidate;
+use super::super::near::{Curve, OUTLINE_BELOW, OUTLINE_EVERY, Rim};
+use super::super::search::{Grid, Peak, strongest, unlike};
+use super::search::{PLACES, PlateCandidate, across};
 
 /// Nearest and farthest distance of a plate's middle, metres, and the step between distances.
 const DISTANCE_M: [f64; 2] = [0.4, 1.15];
 const STEP: f64 = 1.04;
 /// Turns of the plate from or towards the line of sight, radians.
 const TURNS: [f64; 9] = [0.0, -0.25, 0.25, -0.5, 0.5, -0.75, 0.75, -1.0, 1.0];
-/// Places along the line, as shares of the half width, and how many must be in view.
-const PLACES: [f64; 10] = [-0.9, -0.7, -0.5, -0.3, -0.1, 0.1, 0.3, 0.5, 0.7, 0.9];
+/// So many of the places along the line must be in view.
 const LEAST_PLACES: usize = 8;
-/// Least contrast of the line, and from where on more says no more, grey levels.
+/// Least contrast of the line, grey levels.
 const LEAST_STEP: i32 = 5;
-const MOST_LINE: i32 = 30;
 /// Rows in which a side is looked at, least and most.
 const OUTLINE_ROWS: [usize; 2] = [3, 8];
 /// Columns between two places of the search.
@@ -48,10 +46,7 @@ struct Level {
     distance_m: f64,
     turn_rad: f64,
     half_columns: f64,
-    /// Column beside the middle's and row of the line's lower side there.
-    places: Vec<(i64, usize)>,
-    /// Columns of right and left side beside the middle's, and the rows in which they are looked at.
-    sides: [(i64, Vec<usize>); 2],
+    line: Curve,
 }
 
 /// Column, ln of the distance in metres, and turn of a plate's middle.
@@ -87,7 +82,7 @@ impl LineSearch {
         let along = self.along([0.0, distance_m.ln(), turn_rad]);
         let at = |share: f64| {
             let (column, distance) = along(share);
-            (column.round() as i64, self.row(self.rise_m, distance), self.row(self.top_m, distance))
+            (column.round() as i64, self.grid.row(self.rise_m / distance), self.grid.row(self.top_m / distance))
         };
         let places: Vec<_> = PLACES
             .into_iter()
@@ -102,7 +97,7 @@ impl LineSearch {
         });
         let is_seen = places.len() >= LEAST_PLACES && sides.iter().any(|(_, rows)| rows.len() >= OUTLINE_ROWS[0]);
         let half_columns = 0.5 * (sides[0].0 - sides[1].0).abs() as f64;
-        is_seen.then_some(Level { distance_m, turn_rad, half_columns, places, sides })
+        is_seen.then_some(Level { distance_m, turn_rad, half_columns, line: Curve { places, sides } })
     }
 
     /// Candidates, best first. `panorama` holds one byte a pixel of the grid.
@@ -117,20 +112,13 @@ impl LineSearch {
             })
             .collect();
         placed.sort_by(|a, b| b.0.total_cmp(&a.0));
-        let mut kept: Vec<PlateCandidate> = Vec::new();
-        for (_, candidate) in placed {
-            let is_same = |other: &PlateCandidate| {
-                let apart_rad = difference(other.bearing_rad, candidate.bearing_rad).abs();
-                apart_rad * candidate.distance_m < SAME[0] * self.half_m
-                    && (other.distance_m / candidate.distance_m - 1.0).abs() < SAME[1]
-                    && (other.turn_rad - candidate.turn_rad).abs() < SAME[2]
-            };
-            if !kept.iter().any(is_same) {
-                kept.push(candidate);
-            }
-        }
-        kept.truncate(MAX_CANDIDATES);
-        kept
+        let candidates = placed.into_iter().map(|(_, candidate)| candidate);
+        unlike(candidates, MAX_CANDIDATES, |candidate, other| {
+            let apart_rad = difference(other.bearing_rad, candidate.bearing_rad).abs();
+            apart_rad * candidate.distance_m < SAME[0] * self.half_m
+                && (other.distance_m / candidate.distance_m - 1.0).abs() < SAME[1]
+                && (other.turn_rad - candidate.turn_rad).abs() < SAME[2]
+        })
     }
 
     fn coarse(&self, panorama: &[u8]) -> Vec<Peak> {
@@ -138,13 +126,8 @@ impl LineSearch {
         let mut peaks: Vec<Peak> = Vec::new();
         for (l, level) in self.levels.iter().enumerate() {
             for u in (0..width).step_by(STRIDE) {
-                let contrast = near::contrast_across(panorama, width, &level.places, u, LEAST_STEP, Rim::Plain);
-                if contrast >= LEAST_STEP {
-                    let outline =
-                        |(beside, rows): &(i64, Vec<usize>)| near::contrast_beside(panorama, width, *beside, rows, u);
-                    let outlines: i32 = level.sides.iter().map(outline).sum();
-                    peaks.push(((6 * outlines + contrast.min(MOST_LINE)) as f32, l, u));
-                }
+                let shows = level.line.shows(panorama, width, u, LEAST_STEP, Rim::Plain);
+                peaks.extend(shows.map(|shows| (shows, l, u)));
             }
         }
         let is_near = |l: usize, other: usize, apart: f64| {
@@ -157,25 +140,17 @@ impl LineSearch {
     }
 
     fn candidate(&self, [u, ln_distance, turn_rad]: Place) -> PlateCandidate {
-        let bearing_rad = wrap(self.grid.seam_rad - TAU * (u + 0.5) / self.grid.width as f64);
-        PlateCandidate { bearing_rad, distance_m: ln_distance.exp(), turn_rad }
+        PlateCandidate { bearing_rad: self.grid.bearing_rad(u), distance_m: ln_distance.exp(), turn_rad }
     }
 
     /// Column and distance of what is at a share of the half width.
     fn along(&self, [u, ln_distance, turn_rad]: Place) -> impl Fn(f64) -> (f64, f64) {
-        let ((sin, cos), distance_m) = (turn_rad.sin_cos(), ln_distance.exp());
-        let (half_m, per_rad) = (self.half_m, self.grid.width as f64 / TAU);
+        let across = across(ln_distance.exp(), self.half_m, turn_rad);
+        let per_rad = self.grid.width as f64 / TAU;
         move |share: f64| {
-            let y = share * half_m;
-            let (ahead, aside) = ((distance_m - y * sin).max(0.1), y * cos);
-            (u - aside.atan2(ahead) * per_rad, ahead.hypot(aside))
+            let (aside_rad, distance) = across(share);
+            (u - aside_rad * per_rad, distance)
         }
-    }
-
-    /// Row of what is so far above the camera at a distance.
-    fn row(&self, rise_m: f64, distance_m: f64) -> f64 {
-        let [top, bottom] = self.grid.tangents;
-        (top - rise_m / distance_m) / (top - bottom) * self.grid.height as f64
     }
 
     /// Moves a plate to where line and sides show best. How well they do, and where that is.
@@ -209,7 +184,7 @@ impl LineSearch {
         let (mut line, mut seen) = (0.0, 0);
         for share in PLACES {
             let (column, distance) = along(share);
-            let row = self.row(self.rise_m, distance);
+            let row = self.grid.row(self.rise_m / distance);
             if row >= 3.0 && row + 3.0 < height {
                 let step = self.gray(panorama, column, row - 1.0) - self.gray(panorama, column, row + 1.0);
                 line += step.clamp(-MOST_PLACE, MOST_PLACE);
@@ -221,7 +196,7 @@ impl LineSearch {
         }
         let side = |share: f64| {
             let (column, distance) = along(share);
-            let mut row = self.row(self.top_m, distance).max(0.0) + OUTLINE_BELOW as f64;
+            let mut row = self.grid.row(self.top_m / distance).max(0.0) + OUTLINE_BELOW as f64;
             let (mut sum, mut rows) = (0.0, 0);
             while row < height && rows < OUTLINE_ROWS[1] {
                 let step = self.gray(panorama, column - 1.5, row) - self.gray(panorama, column + 1.5, row);

@@ -20,7 +20,7 @@ const TURNS: [f64; 9] = [0.0, -0.3, 0.3, -0.6, 0.6, -0.85, 0.85, -1.05, 1.05];
 const STRIP: usize = 3;
 const HOP: usize = 2;
 /// Places along a plate, as shares of its half width.
-const PLACES: [f64; 10] = [-0.9, -0.7, -0.5, -0.3, -0.1, 0.1, 0.3, 0.5, 0.7, 0.9];
+pub(super) const PLACES: [f64; 10] = [-0.9, -0.7, -0.5, -0.3, -0.1, 0.1, 0.3, 0.5, 0.7, 0.9];
 /// Strips below this correlation have no vote; above the second a whole one.
 const VOTE: [f32; 2] = [0.6, 0.9];
 /// Least mean vote of the places.
@@ -152,7 +152,7 @@ impl PlateSearch {
     }
 
     fn pick(&self) -> Vec<PlateCandidate> {
-        let Grid { width, seam_rad, .. } = self.grid;
+        let width = self.grid.width;
         let mut peaks: Vec<Peak> = Vec::new();
         for l in 0..self.levels.len() {
             for u in (0..width).step_by(HOP) {
@@ -168,7 +168,7 @@ impl PlateSearch {
             apart < 0.6 * level.half_columns.max(other.half_columns) && (0.85..1.18).contains(&ratio)
         };
         let candidate = |(_, l, u): Peak| PlateCandidate {
-            bearing_rad: protocol::angle::wrap(seam_rad - TAU * (u as f64 + 0.5) / width as f64),
+            bearing_rad: self.grid.bearing_rad(u as f64),
             distance_m: self.levels[l].distance_m,
             turn_rad: TURNS[usize::from(self.support[l * width + u].1)],
         };
@@ -194,13 +194,24 @@ impl PlateSearch {
 
 /// Columns and levels from a plate's middle to its places.
 fn path(grid: &Grid, distance_m: f64, half_m: f64, turn: f64) -> [(i32, i32); PLACES.len()] {
+    let across = across(distance_m, half_m, turn);
     PLACES.map(|share| {
-        let y = share * half_m;
-        let (ahead, aside) = ((distance_m - y * turn.sin()).max(0.1), y * turn.cos());
-        let column = -aside.atan2(ahead) / TAU * grid.width as f64;
-        let level = (ahead.hypot(aside) / distance_m).ln() / STEP.ln();
+        let (aside_rad, distance) = across(share);
+        let column = -aside_rad / TAU * grid.width as f64;
+        let level = (distance / distance_m).ln() / STEP.ln();
         (column.round() as i32, level.round() as i32)
     })
+}
+
+/// Of a plate whose middle is at a distance: how far beside the middle a share of its half width is seen, radians, and at what distance
+/// along the floor, metres.
+pub(super) fn across(distance_m: f64, half_m: f64, turn_rad: f64) -> impl Fn(f64) -> (f64, f64) {
+    let (sin, cos) = turn_rad.sin_cos();
+    move |share: f64| {
+        let y = share * half_m;
+        let (ahead, aside) = ((distance_m - y * sin).max(0.1), y * cos);
+        (aside.atan2(ahead), ahead.hypot(aside))
+    }
 }
 
 #[cfg(test)]
