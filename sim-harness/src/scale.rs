@@ -38,6 +38,10 @@ const START_LIMIT: Duration = Duration::from_secs(20);
 const SETTLING: Duration = Duration::from_secs(5);
 /// Memory counts from here on, at the latest: by then all that is kept for seconds is full.
 const FILLING: Duration = Duration::from_secs(60);
+/// A soak whose memory grew goes on for as long again, so often at most.
+const MOST_SPANS: usize = 4;
+/// What a span may add to the memory, of what there was before the first.
+const MOST_GROWTH: f64 = 0.1;
 /// Between two looks at the leader's memory.
 const LOOK_PERIOD: Duration = Duration::from_secs(1);
 
@@ -56,6 +60,10 @@ pub struct Load {
     pub coded: bool,
     /// Whether leader and senders are pinned to processors 0 and 1.
     pub pinned: bool,
+    /// A soak: where memory has grown at the end, it goes on for as long again, until it no longer grows or has grown four times.
+    /// Buffers that once were needed stay with the process: a leader that was kept waiting for a second is larger from then on,
+    /// and one that leaks grows each time.
+    pub flat: bool,
 }
 
 impl Load {
@@ -83,6 +91,8 @@ pub struct Figures {
     pub latency_ms: [f64; 3],
     /// From capture to the map at an observer's, milliseconds, after settling: median, 99th percentile, worst.
     pub capture_to_map_ms: [f64; 3],
+    /// How long it was measured, seconds, after settling.
+    pub measured_s: f64,
     /// Observations sent.
     pub sent: u64,
     /// Observations that the leader heard.
@@ -99,10 +109,22 @@ pub struct Figures {
     pub least_right: [f64; 2],
     /// When all robots were placed rightly, seconds after the start.
     pub all_placed_s: Option<f64>,
-    /// Resident memory of the leader after a minute (after half of a shorter run), when its windows are full, and at the end, MB.
-    pub memory_mb: [f64; 2],
+    /// Resident memory of the leader after a minute (after half of a shorter run), when its windows are full, and at the end, MB;
+    /// a soak that went on has further ends.
+    pub memory_mb: Vec<f64>,
     /// Open files of the leader at the same times.
-    pub open_files: [usize; 2],
+    pub open_files: Vec<usize>,
+}
+
+impl Figures {
+    /// Whether the last span of the run added more to the leader's memory than a tenth of what there was before the first.
+    pub fn memory_grows(&self) -> bool {
+        grows(&self.memory_mb)
+    }
+}
+
+fn grows(memory_mb: &[f64]) -> bool {
+    matches!(memory_mb, [.., before, after] if after - before > MOST_GROWTH * memory_mb[0])
 }
 
 /// What the leader's process says at its end.
@@ -209,11 +231,21 @@ async fn measure_async(
     let mut tick = tokio::time::interval(LOOK_PERIOD);
     let began = Instant::now();
     let total = SETTLING + Duration::from_secs_f64(load.duration_s);
-    let (mut settled, mut filled, mut ages, mut count) = (None, None, Vec::new(), 0);
+    let filling = FILLING.min(total / 2);
+    let (mut until, mut marks) = (total, Vec::<ProcessFigures>::new());
+    let (mut settled, mut ages, mut count) = (None, Vec::new(), 0);
     let (mut last_map, mut all_placed_s, mut least_right) = (None, None, [1.0_f64; 2]);
     let rooms: Vec<Room> = (0..load.robots.div_ceil(ROOM)).map(|number| load.room(number)).collect();
     let there = load.there();
-    while began.elapsed() < total {
+    loop {
+        if began.elapsed() >= until {
+            marks.push(look()?);
+            let memory_mb: Vec<f64> = marks.iter().map(megabytes).collect();
+            if !load.flat || !grows(&memory_mb) || memory_mb.len() > MOST_SPANS {
+                break;
+            }
+            until += total - filling;
+        }
         tokio::select! {
             Some(map) = maps.recv() => {
                 if settled.is_some() {
@@ -227,8 +259,8 @@ async fn measure_async(
                 if settled.is_none() && began.elapsed() >= SETTLING {
                     settled = Some((figures, Instant::now()));
                 }
-                if filled.is_none() && began.elapsed() >= FILLING.min(total / 2) {
-                    filled = Some(figures);
+                if marks.is_empty() && began.elapsed() >= filling {
+                    marks.push(figures);
                 }
                 if let Some(map) = &last_map {
                     let right = judge::right(map, &rooms);
@@ -244,7 +276,8 @@ async fn measure_async(
         }
     }
     let end = look()?;
-    let ((start, since), filled) = (settled.unwrap_or((end, began)), filled.unwrap_or(end));
+    let (start, since) = settled.unwrap_or((end, began));
+    let measured_s = since.elapsed().as_secs_f64().max(1e-3);
     stop.send_modify(|conduct| conduct.stopped = true);
     let mut sent = 0;
     for sender in senders {
@@ -255,12 +288,12 @@ async fn measure_async(
         [map.robots.iter().filter(|robot| robot.team_from_body.is_some()).count(), map.targets.len()]
     });
     let right = last_map.as_ref().map_or([0, 0], |map| judge::right(map, &rooms));
-    let megabytes = |figures: &ProcessFigures| figures.resident_bytes as f64 * 1e-6;
     Ok(Figures {
         load: load.clone(),
-        leader_cores: (end.cpu_s - start.cpu_s) / since.elapsed().as_secs_f64().max(1e-3),
+        leader_cores: (end.cpu_s - start.cpu_s) / measured_s,
         latency_ms: [0.0; 3],
         capture_to_map_ms: percentiles(&ages),
+        measured_s,
         sent,
         heard: 0,
         lost: 0,
@@ -269,9 +302,13 @@ async fn measure_async(
         right: [[right[0], there[0]], [right[1], there[1]]],
         least_right,
         all_placed_s,
-        memory_mb: [megabytes(&filled), megabytes(&end)],
-        open_files: [filled.open_files, end.open_files],
+        memory_mb: marks.iter().map(megabytes).collect(),
+        open_files: marks.iter().map(|figures| figures.open_files).collect(),
     })
+}
+
+fn megabytes(figures: &ProcessFigures) -> f64 {
+    figures.resident_bytes as f64 * 1e-6
 }
 
 /// Median, 99th percentile and largest.
@@ -283,4 +320,21 @@ fn percentiles(values: &[f64]) -> [f64; 3] {
 fn say(line: &str) -> Result<(), TeamError> {
     let mut output = std::io::stdout().lock();
     writeln!(output, "{line}").and_then(|()| output.flush()).map_err(failed)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_leader_that_once_was_kept_waiting_is_flat_and_one_that_leaks_is_not() {
+        assert!(!grows(&[39.7, 43.5]));
+        // Buffers for a second of waiting, then no more.
+        assert!(grows(&[39.7, 48.6]));
+        assert!(!grows(&[39.7, 48.6, 49.1]));
+        // The same again and again is a tenth of the first, though of the last it is less.
+        assert!(grows(&[40.0, 44.1, 48.2, 52.3, 56.4]));
+        assert!(!grows(&[40.0]));
+        assert!(!grows(&[]));
+    }
 }
