@@ -52,6 +52,9 @@ const SEARCH_EVERY: u64 = 5;
 /// A known peer that was not seen for so many frames is forgotten.
 const FORGET_AFTER: u64 = 5;
 
+/// Log-odds of one more plate than were announced.
+const EXTRA_PLATE_LOG_ODDS: f64 = 3.0;
+
 /// Nearer to each other than this share of their widths two bodies are one.
 const SAME_BODY: f64 = 0.85;
 
@@ -134,6 +137,8 @@ pub struct PeerDetector {
     rays: PixelRays,
     finders: Vec<CylinderFinder>,
     plates: Vec<PlateFinder>,
+    /// Fellows that wear plates.
+    announced_plates: usize,
     beacons: BeaconReader,
     unsupported: Vec<PeerError>,
     known: Vec<Known>,
@@ -161,8 +166,9 @@ impl PeerDetector {
         let mut looks: Vec<CylinderLook> = Vec::new();
         let mut plates: Vec<PlateLook> = Vec::new();
         let mut unsupported = Vec::new();
+        let is_plate = |marker: &Marker| matches!(marker, Marker::Rectangle { .. });
         for (robot, marker) in fellows {
-            if let Marker::Rectangle { .. } = marker {
+            if is_plate(marker) {
                 match PlateLook::from_marker(marker) {
                     Ok(look) if plates.contains(&look) => {}
                     Ok(_) if plates.len() == MAX_LOOKS => unsupported.push(PeerError::TooMany(MAX_LOOKS + 1)),
@@ -188,6 +194,7 @@ impl PeerDetector {
             rays: PixelRays::new(camera.image_size_px()),
             finders,
             plates: plates.into_iter().map(|look| PlateFinder::new(camera, grid, look)).collect(),
+            announced_plates: fellows.iter().filter(|(_, marker)| is_plate(marker)).count(),
             beacons: BeaconReader::new(fellows),
             unsupported,
             known: Vec::new(),
@@ -280,7 +287,7 @@ impl PeerDetector {
             let panorama = panorama.filter(|p| p.len() == finder.panorama_len());
             found.extend(finder.find(&self.camera, &mut self.rays, raw, panorama, known));
         }
-        let mut peers = without_doubles(found);
+        let mut peers = as_announced(without_doubles(found), self.announced_plates);
         peers.sort_by(|a, b| a.bearing_rad.total_cmp(&b.bearing_rad));
         peers
     }
@@ -298,8 +305,8 @@ struct Find {
 /// What is expected, and what other finders have found: known (bearing, range) and finds.
 type Before<'a> = (&'a [(f64, f64)], &'a [Find]);
 
-/// One body may be taken for two kinds of marker: the likelier one stands.
-fn without_doubles(mut found: Vec<Find>) -> Vec<Peer> {
+/// One body may be taken for two kinds of marker: the likelier one stands. Likeliest first.
+fn without_doubles(mut found: Vec<Find>) -> Vec<Find> {
     found.sort_by(|a, b| b.log_odds.total_cmp(&a.log_odds));
     let mut kept: Vec<Find> = Vec::new();
     for find in found {
@@ -316,7 +323,18 @@ fn without_doubles(mut found: Vec<Find>) -> Vec<Peer> {
             kept.push(find);
         }
     }
-    kept.into_iter().map(|find| find.peer).collect()
+    kept
+}
+
+/// Of plates, which furniture resembles most, the likeliest ones, as many as were announced, need odds as their finder asks; what else
+/// looks like one, and somebody who has not announced himself, must be beyond doubt.
+fn as_announced(likeliest_first: Vec<Find>, mut announced_plates: usize) -> Vec<Peer> {
+    let stays = |find: &Find| {
+        let is_extra = find.peer.kind == 2 && announced_plates == 0;
+        announced_plates -= usize::from(find.peer.kind == 2 && !is_extra);
+        !is_extra || find.log_odds >= EXTRA_PLATE_LOG_ODDS
+    };
+    likeliest_first.into_iter().filter(stays).map(|find| find.peer).collect()
 }
 
 impl Peer {

@@ -417,3 +417,30 @@ fn measure() {
         );
     }
 }
+
+#[test]
+fn more_plates_than_were_announced_must_be_beyond_doubt() {
+    let find = |kind: u8, bearing_rad: f64, log_odds: f64| {
+        let peer = Peer {
+            kind,
+            robot: None,
+            bearing_rad,
+            range_m: 2.0,
+            covariance: Matrix2::identity() * 1e-4,
+            heading_rad: None,
+            confidence: 0.9,
+            features: Vec::new(),
+        };
+        Find { peer, log_odds, half_m: 0.2 }
+    };
+    let stay = |announced| -> Vec<f64> {
+        let finds =
+            vec![find(2, 0.1, 0.7), find(0, 0.9, 2.0), find(2, 2.0, 4.0), find(1, -1.0, 1.3), find(2, -2.0, 3.5)];
+        as_announced(without_doubles(finds), announced).iter().map(|peer| peer.bearing_rad).collect()
+    };
+    // Likeliest first: a second plate that is beyond doubt stays though one was announced, a doubtful one does not.
+    assert_eq!(stay(1), [2.0, -2.0, 0.9, -1.0]);
+    assert_eq!(stay(3), [2.0, -2.0, 0.9, -1.0, 0.1]);
+    // Cylinders are not counted: they stay by their own odds.
+    assert_eq!(stay(0), [2.0, -2.0, 0.9, -1.0]);
+}

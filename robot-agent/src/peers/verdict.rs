@@ -3,7 +3,7 @@
 //! Problem: shelves, chairs, blinds, doors and striped boxes fit a painted cylinder or plate here and there. Insight: they do not in
 //! everything at once: paint, bend, outlines, bars, width. Algorithm: logistic regression. Each trait of a fit says something for or
 //! against a robot, in nats; the weights ([`super::cylinder::credible`], [`super::plate::credible`]) are learnt from labelled fits, and what
-//! is taken for a robot is one by odds of [`LEAST_LOG_ODDS`].
+//! is taken for a robot is one by odds of [`LEAST_LOG_ODDS`]; of plates, the likeliest by less (`super::as_announced`).
 //!
 //! Cylinders' weights are of 12,825 fits: 700 rooms with robots (seeds 500000 and 510000) and 800 without (600000, 610000), 220 and 250 of
 //! teams in which nobody wears bars (520000, 620000; `--plain`), 150 and 150 through a camera of half the resolution (530000, 630000;
@@ -16,8 +16,8 @@ use serde::{Deserialize, Serialize};
 
 use super::{Peer, cylinder, plate};
 
-/// Log-odds that a fit must have to be taken for a robot.
-const LEAST_LOG_ODDS: f64 = 1.2;
+/// Log-odds that a fit must have to be taken for a robot, whatever else is in the picture.
+pub(super) const LEAST_LOG_ODDS: f64 = 1.2;
 /// Most fits that are kept for whoever asks for them.
 const MOST_FITS: usize = 4096;
 
@@ -89,7 +89,7 @@ pub struct Fit {
     pub peer: Peer,
     /// What speaks for that.
     pub traits: Traits,
-    /// Whether it was taken for one.
+    /// Whether its log-odds suffice, whatever else is in the picture.
     pub is_taken: bool,
 }
 

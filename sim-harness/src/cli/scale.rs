@@ -103,7 +103,10 @@ fn measure(args: &ScaleArgs) -> Result<(), TeamError> {
 fn unflat(figures: &Figures) -> Option<String> {
     let robots = figures.load.robots;
     if figures.memory_grows() {
-        return Some(format!("{robots} robots: the leader's memory grew from {} MB", joined(figures.memory_mb.iter().map(|mb| format!("{mb:.1}")), " to ")));
+        return Some(format!(
+            "{robots} robots: the leader's memory grew from {} MB",
+            joined(figures.memory_mb.iter().map(|mb| format!("{mb:.1}")), " to ")
+        ));
     }
     let files = &figures.open_files;
     if files.last() > files.first() {
