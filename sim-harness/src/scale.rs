@@ -38,7 +38,7 @@ const START_LIMIT: Duration = Duration::from_secs(20);
 const SETTLING: Duration = Duration::from_secs(5);
 /// Memory counts from here on, at the latest: by then all that is kept for seconds is full.
 const FILLING: Duration = Duration::from_secs(60);
-/// A soak whose memory grew goes on for as long again, so often at most.
+/// A soak has so many spans at most: where memory grew in one, another follows.
 const MOST_SPANS: usize = 4;
 /// What a span may add to the memory, of what there was before the first.
 const MOST_GROWTH: f64 = 0.1;
@@ -60,7 +60,7 @@ pub struct Load {
     pub coded: bool,
     /// Whether leader and senders are pinned to processors 0 and 1.
     pub pinned: bool,
-    /// A soak: where memory has grown at the end, it goes on for as long again, until it no longer grows or has grown four times.
+    /// A soak: where memory has grown at the end, it goes on for as long again, until it no longer grows or has grown in four spans.
     /// Buffers that once were needed stay with the process: a leader that was kept waiting for a second is larger from then on,
     /// and one that leaks grows each time.
     pub flat: bool,

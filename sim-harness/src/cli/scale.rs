@@ -28,8 +28,8 @@ pub struct ScaleArgs {
     /// Do not pin the leader to processor 0 and the senders to 1
     #[arg(long)]
     no_pin: bool,
-    /// A soak: fail where the leader's memory grew by more than a tenth and goes on growing (the run is made longer to see it, up
-    /// to four times), its open files grew at all, or a message was lost
+    /// A soak: fail where the leader's memory grew by more than a tenth and goes on growing (the run is made longer to see it, to
+    /// four spans in all), its open files grew at all, or a message was lost
     #[arg(long)]
     flat: bool,
     /// How to report
