@@ -18,6 +18,7 @@ mod kernel;
 mod learn;
 mod look;
 mod near;
+mod occluder;
 mod plate;
 mod rays;
 mod rings;
@@ -298,8 +299,9 @@ struct Find {
     peer: Peer,
     /// ln of the odds that it is one.
     log_odds: f64,
-    /// Half of the body's width, metres.
+    /// Half of the body's width, and how high it is, metres.
     half_m: f64,
+    high_m: f64,
 }
 
 /// What is expected, and what other finders have found: known (bearing, range) and finds.

@@ -80,10 +80,8 @@ pub fn combine(
                 sigma.push(s);
             }
         }
-        if rows.len() < 2 {
-            rows.push((difference(evidence.middle[0], bearing), [1.0, 0.0, 0.0]));
-            sigma.push(evidence.middle[1]);
-        }
+        rows.push((difference(evidence.middle[0], bearing), [1.0, 0.0, 0.0]));
+        sigma.push(evidence.middle[1]);
         for [azimuth, b, s] in &evidence.bars {
             let (sin, cos) = (bearing + PI - azimuth - heading).sin_cos();
             let (across, along) = (radius_m * sin, range - radius_m * cos);

@@ -5,8 +5,8 @@
 //!                                   |                                           |
 //!                                   +- too few columns, odd height: nothing     +- not where the rings say: somebody else's edge
 //! ```
-//! An outline is reported only where the rings, which know nothing of the background, put it. A nearer robot that has been found
-//! hides its sector for the candidates behind it.
+//! An outline is reported only where the rings, which know nothing of the background, put it. Nearer robots that have been found
+//! hide what is below their upper ends from the candidates behind them, which are searched for once more with that left out.
 
 mod confirm;
 pub(super) mod credible;
@@ -18,6 +18,7 @@ use super::combine::{self, Evidence, Mount};
 use super::edges::{self, EdgeFit, Side};
 use super::look::CylinderLook;
 use super::near::{self, NearSearch, Reach, Rim};
+use super::occluder::Occluder;
 use super::rays::{PixelRays, Sample};
 use super::rings::{self, RingFit};
 use super::search::{Candidate, Grid, Search};
@@ -55,17 +56,31 @@ const WORST_EDGE_PX: f64 = 0.5;
 const STRONG_SUPPORT: f64 = 0.55;
 const NEAR_M: f64 = 2.2;
 const RETRY_RANGES: [f64; 4] = [0.95, 1.05, 0.9, 1.1];
-/// A candidate beside a body is the same one up to this ratio of their ranges.
+/// A candidate before a body is the same one up to this ratio of their ranges; behind it, up to so many radii and such a share
+/// of its range.
 const SAME_RANGE: f64 = 1.4;
+const SAME_PLACE: f64 = 1.5;
+const SAME_SHARE: f64 = 0.03;
 /// A candidate's range is right to this share.
 const RANGE_SLACK: f64 = 1.05;
+/// A patch reaches so far beside a body: a share of its half width, and radians. One in which what was found is further aside than
+/// this is not centred on it.
+const BESIDE_SHARE: f64 = 1.1;
+const BESIDE_PATCH_RAD: f64 = 0.045;
+const OFF_CENTRE_RAD: f64 = 0.005;
+/// An upper end counts beside rings where it shows in this share of the columns, at the same distance to this share.
+const LEAST_UPPER_END: f64 = 0.75;
+const SAME_NEAR: f64 = 0.08;
 /// An edge that is as near to a body before it is that one's, radians.
 const BESIDE_RAD: f64 = 0.01;
 /// A lone outline has nothing to contradict it: it may be half somebody else's. Pixels, beside noise and floor.
 const LONE_EDGE_PX: f64 = 0.2;
-/// What is added on a body with bars: light and the bars next to the outline are hard to tell apart there. From 40 rooms: 0.25 px
-/// RMS at 1–2 m, up to 0.5 px below 1 m. Pixels.
-const BARRED_EDGE_FLOOR_PX: f64 = 0.3;
+/// What is added on a body with bars: light and the bars next to the outline are hard to tell apart there. Of 2,150 outlines in 700
+/// rooms 2.9 % were beyond 3 σ with 0.3, none of which is much; at 1–2 m they are right to 0.25 px RMS, below 1 m to 0.5. Pixels.
+const BARRED_EDGE_FLOOR_PX: f64 = 0.4;
+/// An outline that is further than so many sigmas from where the rings put it may be somebody else's, and beyond the second so many
+/// is as uncertain as it is far.
+const OFF: [f64; 2] = [1.5, 3.0];
 /// The same of a bar, whose two borders the light treats differently. Pixels.
 const BAR_FLOOR_PX: f64 = 0.12;
 /// Of a heading from bars that are too narrow to be measured one by one.
@@ -173,47 +188,78 @@ impl CylinderFinder {
         timings.candidates += candidates.len();
         let mut accepted: Vec<Find> = Vec::new();
         for candidate in &candidates {
-            let all = || before.iter().map(|find| &find.peer).chain(accepted.iter().map(|find| &find.peer));
-            let hidden: Vec<[f64; 2]> =
-                all().filter(|peer| peer.range_m < candidate.range_m).map(|peer| sector(peer, &self.look)).collect();
-            if all().any(|peer| is_same(peer, candidate, &self.look)) {
-                continue;
-            }
-            let Some(found) = self.look_closer(camera, rays, raw, candidate, &hidden) else { continue };
-            let traits = self.traits(camera, &found);
-            let is_taken = self.is_credible(&found, &traits);
-            if !is_taken && !self.fits.are_kept() {
-                continue;
-            }
-            let Some(peer) = self.measured(camera, &found) else { continue };
-            let fit = Fit { peer, traits, is_taken };
-            self.fits.keep(&fit);
-            if !is_taken {
-                continue;
-            }
-            let (log_odds, peer) = (fit.traits.log_odds(), fit.peer);
-            if before.iter().any(|find| overlap(&find.peer, &peer, &self.look)) {
-                continue;
-            }
-            let twin = accepted.iter().position(|other| overlap(&other.peer, &peer, &self.look));
-            let find = Find { log_odds, peer, half_m: self.look.radius_m };
-            match twin {
-                Some(i) if accepted[i].peer.confidence >= find.peer.confidence => {}
-                Some(i) => accepted[i] = find,
-                None if accepted.len() < MAX_PEERS => accepted.push(find),
-                None => {}
+            let find = self.look_at(camera, rays, raw, candidate, (before, &accepted));
+            take(find, &mut accepted, &self.look);
+        }
+        if panorama.is_some() && self.part == Part::Whole {
+            let occluders: Vec<Occluder> = before.iter().chain(&accepted).map(|find| occluder(camera, find)).collect();
+            let behind = self.search.behind(&occluders);
+            timings.candidates += behind.len();
+            for candidate in &behind {
+                let find = self.look_at(camera, rays, raw, candidate, (before, &accepted));
+                take(find, &mut accepted, &self.look);
             }
         }
         accepted
     }
 
+    /// The robot that a candidate is, unless it has been found already.
+    fn look_at(
+        &mut self,
+        camera: &MountedCamera,
+        rays: &mut PixelRays,
+        raw: &[u8],
+        candidate: &Candidate,
+        (before, accepted): (&[Find], &[Find]),
+    ) -> Option<Find> {
+        let all = || before.iter().chain(accepted);
+        if all().any(|find| self.is_same(camera, find, candidate)) {
+            return None;
+        }
+        let nearer = all().filter(|find| find.peer.range_m < candidate.range_m);
+        let occluders: Vec<Occluder> = nearer.map(|find| occluder(camera, find)).collect();
+        let found = self.look_closer(camera, rays, raw, candidate, &occluders)?;
+        let traits = self.traits(camera, &found);
+        let is_taken = self.is_credible(&found, &traits);
+        if !is_taken && !self.fits.are_kept() {
+            return None;
+        }
+        let peer = self.measured(camera, &found)?;
+        let fit = Fit { peer, traits, is_taken };
+        self.fits.keep(&fit);
+        let (log_odds, peer) = (fit.traits.log_odds(), fit.peer);
+        let stands = is_taken && !before.iter().any(|find| overlap(&find.peer, &peer, &self.look));
+        stands.then(|| Find { log_odds, peer, half_m: self.look.radius_m, high_m: self.look.high_m() })
+    }
+
+    /// What is there, with the whole of it in view: a candidate may show one half alone.
     fn look_closer(
         &mut self,
         camera: &MountedCamera,
         rays: &mut PixelRays,
         raw: &[u8],
         candidate: &Candidate,
-        hidden: &[[f64; 2]],
+        occluders: &[Occluder],
+    ) -> Option<Found> {
+        let found = self.look_from(camera, rays, raw, candidate, occluders)?;
+        let outline = |range_m: f64| (self.look.radius_m / range_m).min(1.0).asin();
+        let (bearing_rad, range_m) = (found.rings.bearing_rad, found.rings.near_m + self.look.radius_m);
+        let aside = protocol::angle::difference(bearing_rad, candidate.bearing_rad).abs();
+        if aside + outline(range_m) < BESIDE_SHARE * outline(candidate.range_m) + OFF_CENTRE_RAD {
+            return Some(found);
+        }
+        let rim = candidate.rim.filter(|_| found.rings.is_rim);
+        let centred = Candidate { bearing_rad, range_m, known: true, rim, ..*candidate };
+        self.look_from(camera, rays, raw, &centred, occluders)
+    }
+
+    fn look_from(
+        &mut self,
+        camera: &MountedCamera,
+        rays: &mut PixelRays,
+        raw: &[u8],
+        candidate: &Candidate,
+        occluders: &[Occluder],
     ) -> Option<Found> {
         let radius = self.look.radius_m;
         let half = (radius / candidate.range_m).min(1.0).asin();
@@ -232,10 +278,11 @@ impl CylinderFinder {
             (end(self.look.high_m())[1] + if candidate.range_m < NEAR_M { 0.03 } else { 0.01 }).clamp(lowest, highest),
         ];
         let mut samples = std::mem::take(&mut self.samples);
-        rays.patch(camera, raw, candidate.bearing_rad, half * 1.1 + 0.045, elevation, &mut samples);
+        rays.patch(camera, raw, candidate.bearing_rad, half * BESIDE_SHARE + BESIDE_PATCH_RAD, elevation, &mut samples);
+        samples.retain(|sample| !occluders.iter().any(|occluder| occluder.hides(&sample.ray)));
         let mut found = None;
         if candidate.rim.is_none() {
-            found = self.fit_best(&samples, camera, candidate, half, hidden);
+            found = self.fit_best(&samples, camera, candidate, half, occluders);
         }
         let worn = if self.look.is_barred() { Rim::Barred } else { Rim::Plain };
         let rim = candidate
@@ -244,7 +291,7 @@ impl CylinderFinder {
             .filter(|_| candidate.range_m < RANGE_SLACK * self.reach.two_edges_m);
         if let (None, Some(rim)) = (&found, rim) {
             found = near::fit(&samples, &self.look, height, (candidate.bearing_rad, candidate.range_m), rim)
-                .and_then(|rings| self.outlines(camera, &samples, rings, hidden));
+                .and_then(|rings| self.outlines(camera, &samples, rings, occluders));
         }
         self.samples = samples;
         found
@@ -256,7 +303,7 @@ impl CylinderFinder {
         camera: &MountedCamera,
         candidate: &Candidate,
         half: f64,
-        hidden: &[[f64; 2]],
+        occluders: &[Occluder],
     ) -> Option<Found> {
         let [right, left] = candidate.seen_rad;
         let seen = protocol::angle::difference(left, right);
@@ -266,10 +313,10 @@ impl CylinderFinder {
             starts.push(right + half * 0.95);
             starts.push(left - half * 0.95);
         }
-        let mut best = self.best_fit(samples, starts.iter().map(|b| (*b, candidate.range_m)), hidden, candidate.known);
+        let mut best = self.best_fit(samples, starts.iter().map(|b| (*b, candidate.range_m)), candidate.known);
         // The robot has moved since the last frame.
         if candidate.known && best.as_ref().is_none_or(|fit| !self.fits(fit, camera)) {
-            best = self.best_fit(samples, starts.iter().map(|b| (*b, candidate.range_m)), hidden, false);
+            best = self.best_fit(samples, starts.iter().map(|b| (*b, candidate.range_m)), false);
         }
         // Near at hand only one ring edge is in view and the search is coarse in range.
         if best.as_ref().is_none_or(|fit| !self.fits(fit, camera))
@@ -279,14 +326,49 @@ impl CylinderFinder {
             // Either sign of the rings counts on bars: the search brings up more that is none.
             let most = if self.look.is_barred() { 2 } else { RETRY_RANGES.len() };
             let retries = RETRY_RANGES[..most].iter().map(|ratio| (candidate.bearing_rad, candidate.range_m * ratio));
-            let retried = self.best_fit(samples, retries, hidden, false);
+            let retried = self.best_fit(samples, retries, false);
             best = retried.or(best);
         }
         let rings = best?;
         if !self.fits(&rings, camera) {
             return None;
         }
-        self.outlines(camera, samples, rings, hidden)
+        let rings = self.with_upper_end(camera, samples, rings);
+        self.outlines(camera, samples, rings, occluders)
+    }
+
+    /// Whether a candidate is a body that was found already, or hidden by it.
+    fn is_same(&self, camera: &MountedCamera, find: &Find, candidate: &Candidate) -> bool {
+        let (peer, radius, height) = (&find.peer, self.look.radius_m, camera.viewpoint_body_m().z);
+        let half = (radius / peer.range_m).min(1.0).asin();
+        let half_candidate = (radius / candidate.range_m).min(1.0).asin();
+        let apart = protocol::angle::difference(peer.bearing_rad, candidate.bearing_rad).abs();
+        let behind_m = candidate.range_m - peer.range_m;
+        // Two bodies are not in one place, and a candidate's range is not exact.
+        let is_as_far =
+            peer.range_m < SAME_RANGE * candidate.range_m && behind_m < SAME_PLACE * radius + SAME_SHARE * peer.range_m;
+        let rings_from = self.look.edges_m[self.look.edges_m.len() - 2];
+        let is_hidden = || !occluder(camera, find).is_below(rings_from, candidate.range_m - radius, height);
+        apart < 0.5 * half.max(half_candidate) && is_as_far
+            || behind_m > 0.0 && apart + 0.3 * half_candidate < half && is_hidden()
+    }
+
+    /// With one edge between rings in view they have their distance from their bend alone, which is worth a few per cent; the marker's
+    /// upper end, if it is in view, may have it better.
+    fn with_upper_end(&self, camera: &MountedCamera, samples: &[Sample], rings: RingFit) -> RingFit {
+        let rim = if self.look.is_barred() { Rim::Barred } else { Rim::Plain };
+        let start = (rings.bearing_rad, rings.near_m + self.look.radius_m);
+        let end = (rings.edges_seen < 2)
+            .then(|| near::fit(samples, &self.look, camera.viewpoint_body_m().z, start, rim))
+            .flatten()
+            .filter(|end| end.visible >= LEAST_UPPER_END && (end.near_m / rings.near_m - 1.0).abs() < SAME_NEAR)
+            .filter(|end| end.covariance[1][1] < rings.covariance[1][1]);
+        match end {
+            Some(RingFit { bearing_rad, near_m, lower_m, covariance, half_rad, .. }) => {
+                RingFit { bearing_rad, near_m, lower_m, covariance, half_rad, ..rings }
+            }
+            None => rings,
+        }
     }
 
     /// Bars and outlines beside the rings.
@@ -295,12 +377,11 @@ impl CylinderFinder {
         camera: &MountedCamera,
         samples: &[Sample],
         rings: RingFit,
-        hidden: &[[f64; 2]],
+        occluders: &[Occluder],
     ) -> Option<Found> {
         let reading = match self.look.is_barred() {
             true => {
-                let hidden: Vec<[f64; 2]> = hidden.iter().copied().chain(Self::hidden_sides(&rings)).collect();
-                let reading = bars::read(samples, &self.look, &rings, &hidden);
+                let reading = bars::read(samples, &self.look, &rings, &Self::hidden_sides(&rings));
                 // Near at hand one ring alone is in view, which may say nothing of bars.
                 let is_round = rings.is_rim && rings.visible >= credible::LEAST_LONE_RIM;
                 if reading.is_none() && !is_round && !self.is_plain(&rings, camera) {
@@ -311,28 +392,25 @@ impl CylinderFinder {
             false => None,
         };
         let half = rings.cylinder(self.look.radius_m).outline_rad;
+        let height = camera.viewpoint_body_m().z;
+        let hiding: Vec<&Occluder> =
+            occluders.iter().filter(|o| !o.is_below(self.look.low_m(), rings.near_m, height)).collect();
         let outline = |side, sign: f64| {
             self.outline(samples, &rings, reading.as_ref(), side).filter(|fit| {
                 // Beside a nearer robot the edge is the other's.
                 let at = rings.bearing_rad + sign * (half + fit.outwards_rad);
-                !hidden.iter().any(|s| inside(*s, at) || inside(*s, at + sign * BESIDE_RAD))
+                !hiding.iter().any(|occluder| occluder.is_at(at) || occluder.is_at(at + sign * BESIDE_RAD))
             })
         };
         let (left, right) = (outline(Side::Left, 1.0), outline(Side::Right, -1.0));
-        let reading = reading.map(|r| self.confirmed(samples, &rings, hidden, r, [left.is_some(), right.is_some()]));
+        let reading = reading.map(|r| self.confirmed(samples, &rings, r, [left.is_some(), right.is_some()]));
         Some(Found { rings, reading, left, right })
     }
 
-    fn best_fit(
-        &self,
-        samples: &[Sample],
-        starts: impl Iterator<Item = (f64, f64)>,
-        hidden: &[[f64; 2]],
-        close: bool,
-    ) -> Option<RingFit> {
+    fn best_fit(&self, samples: &[Sample], starts: impl Iterator<Item = (f64, f64)>, close: bool) -> Option<RingFit> {
         let score = |fit: &RingFit| fit.visible * fit.correlation;
         starts
-            .filter_map(|start| rings::fit(samples, &self.look, start, hidden, self.noise2, close))
+            .filter_map(|start| rings::fit(samples, &self.look, start, self.noise2, close))
             .max_by(|a, b| score(a).total_cmp(&score(b)))
     }
 
@@ -371,7 +449,15 @@ impl CylinderFinder {
             && fit.rows >= 2
             && fit.sigma_rad * fit.px_per_rad <= WORST_EDGE_PX
             && fit.outwards_rad.abs() <= gate;
-        fine.then_some(fit)
+        let floor = self.edge_floor_px() / fit.px_per_rad;
+        let expected = predicted.hypot(fit.sigma_rad).hypot(floor);
+        let doubt = ((fit.outwards_rad.abs() / expected - OFF[0]) / (OFF[1] - OFF[0])).clamp(0.0, 1.0);
+        fine.then_some(EdgeFit { sigma_rad: fit.sigma_rad.hypot(doubt * fit.outwards_rad), ..fit })
+    }
+
+    /// What remains of an outline's error when noise has averaged out, pixels.
+    fn edge_floor_px(&self) -> f64 {
+        if self.look.is_barred() { BARRED_EDGE_FLOOR_PX.hypot(EDGE_FLOOR_PX) } else { EDGE_FLOOR_PX }
     }
 
     /// The robot that a fit would be.
@@ -386,8 +472,7 @@ impl CylinderFinder {
             fit.map(|fit| {
                 let bearing = protocol::angle::wrap(rings.bearing_rad + sign * (half + fit.outwards_rad));
                 let alone = if seen == 1 { LONE_EDGE_PX } else { 0.0 };
-                let barred = if look.is_barred() { BARRED_EDGE_FLOOR_PX } else { 0.0 };
-                let floor = EDGE_FLOOR_PX.hypot(alone).hypot(barred) / fit.px_per_rad;
+                let floor = self.edge_floor_px().hypot(alone) / fit.px_per_rad;
                 (bearing, fit.sigma_rad, floor)
             })
         };
@@ -510,24 +595,22 @@ fn mount(camera: &MountedCamera) -> Mount {
     }
 }
 
-/// Bearings [right, left] that a peer fills.
-fn sector(peer: &Peer, look: &CylinderLook) -> [f64; 2] {
-    let half = (look.radius_m / peer.range_m).min(1.0).asin();
-    [peer.bearing_rad - half, peer.bearing_rad + half]
+/// What a body that was found hides.
+fn occluder(camera: &MountedCamera, find: &Find) -> Occluder {
+    let size_m = [find.half_m, find.high_m];
+    Occluder::new(find.peer.bearing_rad, find.peer.range_m, size_m, camera.viewpoint_body_m().z)
 }
 
-fn inside([right, left]: [f64; 2], bearing: f64) -> bool {
-    protocol::angle::difference(bearing, right) > 0.0 && protocol::angle::difference(left, bearing) > 0.0
-}
-
-/// Whether a candidate is a peer that was found already, or wholly behind it.
-fn is_same(peer: &Peer, candidate: &Candidate, look: &CylinderLook) -> bool {
-    let half = (look.radius_m / peer.range_m).min(1.0).asin();
-    let half_candidate = (look.radius_m / candidate.range_m).min(1.0).asin();
-    let apart = protocol::angle::difference(peer.bearing_rad, candidate.bearing_rad).abs();
-    let is_as_far = (1.0 / SAME_RANGE..SAME_RANGE).contains(&(peer.range_m / candidate.range_m));
-    (apart < 0.5 * half.max(half_candidate) && is_as_far)
-        || (peer.range_m < candidate.range_m && apart + 0.3 * half_candidate < half)
+/// Adds a robot that nobody has found, or found less well.
+fn take(find: Option<Find>, accepted: &mut Vec<Find>, look: &CylinderLook) {
+    let Some(find) = find else { return };
+    let twin = accepted.iter().position(|other| overlap(&other.peer, &find.peer, look));
+    match twin {
+        Some(i) if accepted[i].peer.confidence >= find.peer.confidence => {}
+        Some(i) => accepted[i] = find,
+        None if accepted.len() < MAX_PEERS => accepted.push(find),
+        None => {}
+    }
 }
 
 /// Whether two peers cannot both be there.

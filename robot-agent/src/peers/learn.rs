@@ -120,7 +120,7 @@ pub fn learn(
         let marker = Marker::Cylinder { radius_m, height_m, look };
         if let Ok(look) = CylinderLook::from_marker(&marker, None) {
             for (sheet, (view, bearing)) in sheets.iter().zip(views.iter().zip(&mut bearings_rad)) {
-                let fit = rings::fit(&sheet.samples, &look, (*bearing, view.range_m), &[], 0.0, false);
+                let fit = rings::fit(&sheet.samples, &look, (*bearing, view.range_m), 0.0, false);
                 *bearing = fit.map_or(*bearing, |fit| fit.bearing_rad);
             }
         }

@@ -253,17 +253,9 @@ impl Gram<'_> {
     }
 }
 
-/// Fits the rings from a start (bearing, range to the axis). `hidden` are sectors [right, left] of bearings that nearer bodies are
-/// known to fill. `noise2` is the sensor's. A `close` start (the
+/// Fits the rings from a start (bearing, range to the axis). `noise2` is the sensor's. A `close` start (the
 /// last frame's answer) needs no search for the right valley. `None` where the picture does not show the rings there.
-pub fn fit(
-    samples: &[Sample],
-    look: &CylinderLook,
-    start: (f64, f64),
-    hidden: &[[f64; 2]],
-    noise2: f64,
-    close: bool,
-) -> Option<RingFit> {
+pub fn fit(samples: &[Sample], look: &CylinderLook, start: (f64, f64), noise2: f64, close: bool) -> Option<RingFit> {
     let m = SHAPE + look.reflectance.len();
     let [hopeless_correlation, hopeless_visible, hopeless_start] = match look.is_barred() {
         true => HOPELESS_BARRED,
@@ -282,7 +274,7 @@ pub fn fit(
         // The first round starts up to 3 % off: a wide blur takes it into the right valley.
         let blunt = if round == 0 { 1.6 } else { 0.0 };
         let most = if round < 2 { ROUGH_PIXELS } else { MOST_PIXELS };
-        let (pixels, columns) = select(samples, look, &state, hidden, most)?;
+        let (pixels, columns) = select(samples, look, &state, most)?;
         let mut normal = None;
         if round == 0 {
             // Most candidates show no ring at all.
@@ -374,13 +366,7 @@ fn edges_in_view(samples: &[Sample], look: &CylinderLook, state: &State) -> usiz
 }
 
 /// The pixels inside outline and painted part, by column of one pixel's width.
-fn select(
-    samples: &[Sample],
-    look: &CylinderLook,
-    state: &State,
-    hidden: &[[f64; 2]],
-    most: usize,
-) -> Option<(Vec<Pixel>, usize)> {
+fn select(samples: &[Sample], look: &CylinderLook, state: &State, most: usize) -> Option<(Vec<Pixel>, usize)> {
     let cylinder = Cylinder::new(state.bearing_rad, state.near_m + look.radius_m, look.radius_m);
     let half = cylinder.outline_rad;
     let mut pixels = Vec::with_capacity(samples.len());
@@ -400,12 +386,6 @@ fn select(
         let height = met.height_m + state.lower_m;
         let margin = MARGIN * BLUR_PX * m_per_px;
         if height < look.low_m() + margin || height > look.high_m() - margin {
-            continue;
-        }
-        let bearing = f64::from(sample.ray.bearing_rad);
-        if hidden.iter().any(|[right, left]| {
-            protocol::angle::difference(bearing, *right) > 0.0 && protocol::angle::difference(*left, bearing) > 0.0
-        }) {
             continue;
         }
         scale += ppb;

@@ -10,21 +10,24 @@ use std::f64::consts::TAU;
 use super::kernel::{self, Band};
 use super::look::CylinderLook;
 use super::near::Rim;
+use super::occluder::Occluder;
 use crate::panorama::{PanoramaGeometry, Projection};
 
 /// Nearest and farthest range, metres, and the step between ranges.
 const RANGE_M: [f64; 2] = [0.6, 7.0];
 const RANGE_STEP: f64 = 1.03;
-/// Most candidates of one picture.
-pub const MAX_CANDIDATES: usize = 24;
-/// The same where bars may show the negative of the rings: more looks like either.
-const MAX_BARRED_CANDIDATES: usize = 24;
+/// Most candidates of one picture. With 24 one half hidden robot in ten was none of them.
+pub const MAX_CANDIDATES: usize = 48;
 /// Strips below this correlation have no vote; above the second a whole one.
 const VOTE: [f32; 2] = [0.55, 0.85];
 /// Share of the body's strips that must vote.
 const LEAST_SUPPORT: f32 = 0.22;
 /// Least support beyond what goes on on both sides.
 const LEAST_WORTH: f32 = 0.12;
+/// Most places that bodies before them hide in part; least share of such a place's strips that are hidden, and that are not.
+const MAX_BEHIND: usize = 8;
+const LEAST_HIDDEN: f32 = 0.1;
+const LEAST_UNHIDDEN: f32 = 0.35;
 /// Gray levels per unit of reflectance below which nothing is a ring.
 const LEAST_GAIN: f32 = 15.0;
 /// Sensor noise and rounding in the panorama, squared grey levels.
@@ -153,10 +156,34 @@ impl Search {
             vote(&self.sums, &self.squares, (width, self.pad), level, self.is_barred, votes);
             gather(votes, level.half_columns * 0.85, support);
         }
-        self.pick()
+        self.pick(MAX_CANDIDATES)
     }
 
-    fn pick(&self) -> Vec<Candidate> {
+    /// Candidates of the last [`Search::run`] that `occluders` hide in part, judged by what they do not: best first, at most
+    /// [`MAX_BEHIND`].
+    pub fn behind(&mut self, occluders: &[Occluder]) -> Vec<Candidate> {
+        if occluders.is_empty() {
+            return Vec::new();
+        }
+        let width = self.grid.width;
+        let mut shares = vec![1.0; width];
+        let maps = self.votes.chunks_exact_mut(width).zip(self.support.chunks_exact_mut(width));
+        for (level, (votes, support)) in self.levels.iter().zip(maps) {
+            let nearer = || occluders.iter().filter(|o| o.range_m < level.range_m);
+            let is_hidden = |u: usize| nearer().any(|o| o.is_at(self.grid.bearing_rad(u as f64)));
+            let unhidden: Vec<f32> = (0..width).map(|u| f32::from(u8::from(!is_hidden(u)))).collect();
+            votes.iter_mut().zip(&unhidden).for_each(|(vote, is)| *vote *= is);
+            let half = level.half_columns * 0.85;
+            gather(&unhidden, half, &mut shares);
+            gather(votes, half, support);
+            for (support, share) in support.iter_mut().zip(&shares) {
+                *support = if (LEAST_UNHIDDEN..1.0 - LEAST_HIDDEN).contains(share) { *support / share } else { 0.0 };
+            }
+        }
+        self.pick(MAX_BEHIND)
+    }
+
+    fn pick(&self, most: usize) -> Vec<Candidate> {
         let width = self.grid.width;
         let mut peaks: Vec<Peak> = Vec::new();
         for l in 0..self.levels.len() {
@@ -174,7 +201,6 @@ impl Search {
                 }
             }
         }
-        let most = if self.is_barred { MAX_BARRED_CANDIDATES } else { MAX_CANDIDATES };
         let near = |l: usize, other: usize, apart: f64| {
             let (level, other) = (&self.levels[l], &self.levels[other]);
             let ratio = other.range_m / level.range_m;

@@ -188,6 +188,22 @@ fn a_robot_behind_a_box_is_found_by_what_shows_over_it() {
 }
 
 #[test]
+fn robots_half_behind_other_robots_are_found_where_they_are() {
+    for (n, (near, far)) in [(1.2, 2.0), (1.6, 2.6), (2.0, 3.0)].into_iter().enumerate() {
+        for side in [-1.0, 1.0] {
+            let seed = 40 + n as u64;
+            // The middle of the far one is at the near one's outline.
+            let places = [(0.7_f64, near), (0.7 + side * (0.2_f64 / near).asin(), far)];
+            let peers = sighted(seed, &places, vec![]);
+            assert_eq!(peers.len(), 2, "{places:?}: {peers:?}");
+            for (bearing, range) in places {
+                assert_consistent(nearest(&peers, bearing), bearing, range);
+            }
+        }
+    }
+}
+
+#[test]
 fn a_half_hidden_plain_robot_is_found_in_a_team_that_wears_bars() {
     let (x, y) = (1.9_f64, 1.1_f64);
     let (bearing, range) = (y.atan2(x), x.hypot(y));
@@ -431,7 +447,7 @@ fn more_plates_than_were_announced_must_be_beyond_doubt() {
             confidence: 0.9,
             features: Vec::new(),
         };
-        Find { peer, log_odds, half_m: 0.2 }
+        Find { peer, log_odds, half_m: 0.2, high_m: 0.4 }
     };
     let stay = |announced| -> Vec<f64> {
         let finds =

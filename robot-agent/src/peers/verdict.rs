@@ -7,9 +7,8 @@
 //!
 //! Cylinders' weights are of 12,825 fits: 700 rooms with robots (seeds 500000 and 510000) and 800 without (600000, 610000), 220 and 250 of
 //! teams in which nobody wears bars (520000, 620000; `--plain`), 150 and 150 through a camera of half the resolution (530000, 630000;
-//! `--camera-of tiny`); those of a cylinder's end were made anew from 5,320 fits (the same without 510000 and 610000) when its search let
-//! more of the curve be without contrast. Plates' are of 3,807 fits of 750 rooms with robots (200000, 500000) and 300 without (600000), all
-//! of mixed teams and the reference camera. They are made anew with `sim-harness peers --per-layout 1 --fits FILE` for each of these, and
+//! `--camera-of tiny`); those of a cylinder's end (7,037 fits) and of plates (9,195) were made anew from the same without 510000 and 610000 when more
+//! candidates were looked at. They are made anew with `sim-harness peers --per-layout 1 --fits FILE` for each of these, and
 //! `sim-harness verdict FILE…`.
 
 use serde::{Deserialize, Serialize};

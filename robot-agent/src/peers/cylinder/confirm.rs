@@ -56,7 +56,6 @@ impl CylinderFinder {
         &self,
         samples: &[Sample],
         rings: &RingFit,
-        hidden: &[[f64; 2]],
         mut reading: Reading,
         [left, right]: [bool; 2],
     ) -> Reading {
@@ -68,7 +67,7 @@ impl CylinderFinder {
         let half = rings.cylinder(self.look.radius_m).outline_rad;
         let [inner, outer] =
             [DOUBTFUL_SHARE * half, 1.2 * half].map(|aside| [-1.0, 1.0].map(|s| rings.bearing_rad + s * aside));
-        let mut hidden = hidden.to_vec();
+        let mut hidden = Vec::new();
         if !left {
             hidden.push([inner[1], outer[1]]);
         }

@@ -40,25 +40,25 @@ pub(in super::super) const RINGS: [Weight; 18] = [
 ];
 /// Of bodies so near that the marker's upper end alone is seen ([`super::super::near`]).
 pub(in super::super) const END: [Weight; 15] = [
-    ("any", -22.410),
+    ("any", -29.985),
     // Share of the columns in which the upper end is where the curve says, what is missing to 0.75, and tenths above 0.9.
-    ("visible", 13.082),
-    ("hardly visible", 21.848),
-    ("wholly visible", 1.155),
-    ("outline", 2.738),
-    ("two outlines", 4.839),
-    ("outlines' way", -0.820),
+    ("visible", 19.288),
+    ("hardly visible", 29.270),
+    ("wholly visible", 0.949),
+    ("outline", 3.673),
+    ("two outlines", 5.015),
+    ("outlines' way", -0.783),
     // Bars were read at all.
-    ("bars are read", 0.879),
-    ("bars' misfit", -1.382),
+    ("bars are read", 2.475),
+    ("bars' misfit", -0.916),
     // No other name would do.
-    ("named", 3.118),
-    ("no bars", -2.449),
-    ("bars", 1.437),
-    ("plain team", -0.669),
+    ("named", 3.391),
+    ("no bars", -3.025),
+    ("bars", 1.445),
+    ("plain team", 0.615),
     // Metres beyond where a ring edge comes into view.
-    ("ring edge", -2.215),
-    ("contrast", 1.762),
+    ("ring edge", 0.870),
+    ("contrast", 1.733),
 ];
 /// Beyond, a body of 0.2 m is 14 pixels wide and much looks like it, metres.
 const FARTHEST_M: f64 = 6.2;

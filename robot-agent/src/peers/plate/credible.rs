@@ -11,71 +11,71 @@ use super::{Height, PlateFinder, Posed};
 
 /// Of plates of which stripes are seen.
 pub(in super::super) const STRIPES: [Weight; 24] = [
-    ("any", -2.563),
+    ("any", -6.631),
     // −ln of what the columns' median correlation lacks to 1.
-    ("correlation", 0.558),
+    ("correlation", 1.187),
     // Gray level of black over white's less black's, 0 … 0.5: black paint is nearly black.
-    ("black", -5.740),
+    ("black", -5.484),
     // The bend's squared distance from a plane's in sigmas, 0 … 16, and ln of its sigma: a test that could not fail says nothing.
-    ("bend", -0.170),
-    ("bend unknown", -0.614),
+    ("bend", -0.181),
+    ("bend unknown", -0.781),
     // By how much χ² a cylinder fits worse, 0 … 25.
-    ("flat", 0.040),
+    ("flat", 0.033),
     // χ² of the width and of the height, 0 … 25 each.
-    ("width", -0.254),
-    ("height", -0.942),
+    ("width", -0.186),
+    ("height", -1.388),
     // Something may stand before one side; what is missing of the width then; another pair of sides is as good.
-    ("half hidden", -1.877),
-    ("missing", 0.418),
-    ("torn", 0.479),
+    ("half hidden", -2.104),
+    ("missing", 1.501),
+    ("torn", 0.324),
     // Shares of the columns in which a further stripe shows above or below, and stripes round a corner, and beside.
-    ("further stripe", -3.937),
-    ("corner", -2.216),
-    ("beside", -1.804),
+    ("further stripe", -4.042),
+    ("corner", -2.056),
+    ("beside", -1.398),
     // Share of the columns between the sides without stripes.
-    ("unfilled", -2.132),
+    ("unfilled", -1.252),
     // The sides' agreement of rows, 0 … 1 each, and ln of the larger sigma, pixels.
-    ("sides agree", -0.926),
-    ("sides' sigma", -0.500),
+    ("sides agree", -1.299),
+    ("sides' sigma", -0.744),
     // One edge between stripes is in view, with the upper end or as announced.
-    ("by end", -0.895),
-    ("as announced", -3.163),
+    ("by end", -0.569),
+    ("as announced", -2.274),
     // Metres beyond 3 m, and the turn's square, radians squared.
-    ("far", -0.358),
-    ("turn", 1.735),
+    ("far", -0.470),
+    ("turn", 2.542),
     // ln of contrast over noise.
-    ("contrast", 0.488),
+    ("contrast", 0.176),
     // Shares of the columns in which the upper end is where it should be, and in which one is seen elsewhere.
-    ("upper end", 0.479),
-    ("end elsewhere", -4.641),
+    ("upper end", 2.251),
+    ("end elsewhere", -3.515),
 ];
 /// Of plates so near that their upper end alone is measured ([`super::rim`]).
 pub(in super::super) const END: [Weight; 19] = [
-    ("any", 5.783),
+    ("any", -0.848),
     // The bend's squared distance from a straight line's in sigmas, 0 … 16, and ln of its sigma.
-    ("bend", -0.348),
-    ("bend unknown", 1.398),
+    ("bend", -0.280),
+    ("bend unknown", -0.532),
     // Front and back are told apart by so many of the columns that could tell, with black so black; or they cannot be, and the stripe in
     // view is as uneven as this, 0 … 3.
-    ("side seen", 3.548),
-    ("side unsure", -6.985),
-    ("black", -13.338),
-    ("uneven", -0.973),
-    ("width", -2.423),
-    ("half hidden", -1.930),
-    ("missing", 0.176),
-    ("torn", 0.718),
+    ("side seen", 3.262),
+    ("side unsure", -2.788),
+    ("black", -3.101),
+    ("uneven", -0.858),
+    ("width", -1.527),
+    ("half hidden", -0.944),
+    ("missing", -1.006),
+    ("torn", 0.929),
     // Share of the width by which the line falls short of a side, 0 … 0.5.
-    ("short", -8.968),
+    ("short", -6.043),
     // The sides' agreement of rows, ln of the larger sigma, pixels, and ln of the fewer rows.
-    ("sides agree", -1.253),
-    ("sides' sigma", -2.098),
-    ("rows", -0.032),
+    ("sides agree", 0.124),
+    ("sides' sigma", -1.977),
+    ("rows", -1.149),
     // Share of the columns beside in which the line goes on, and how many sides go on above.
-    ("goes on", -0.847),
-    ("sides go on", -1.032),
-    ("corner", -3.308),
-    ("contrast", -0.338),
+    ("goes on", -1.180),
+    ("sides go on", -0.875),
+    ("corner", -0.820),
+    ("contrast", -0.726),
 ];
 
 /// Least sigma of which the log is taken.
