@@ -14,6 +14,7 @@ use std::f64::consts::{PI, TAU};
 use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
 
 use super::blur;
+use super::geometry::is_within;
 use super::look::{CylinderLook, MAX_RINGS, Pattern};
 use super::rays::Sample;
 use super::rings::{self, RingFit, median};
@@ -325,9 +326,7 @@ fn columns(samples: &[Sample], look: &CylinderLook, rings: &RingFit, hidden: &[[
             continue;
         }
         let bearing = f64::from(sample.ray.bearing_rad);
-        if hidden.iter().any(|[right, left]| {
-            protocol::angle::difference(bearing, *right) > 0.0 && protocol::angle::difference(*left, bearing) > 0.0
-        }) {
+        if hidden.iter().any(|sector| is_within(*sector, bearing)) {
             continue;
         }
         let p = rings::profile(look, &rings.reflectance, height, blur_m, &mut by_ring) - middle;

@@ -16,6 +16,7 @@ use nalgebra::{Matrix2, Matrix2x3, Matrix3};
 use super::bars::{self, Reading};
 use super::combine::{self, Evidence, Mount};
 use super::edges::{self, EdgeFit, Side};
+use super::geometry::outline_rad;
 use super::look::CylinderLook;
 use super::near::{self, NearSearch, Reach, Rim};
 use super::occluder::Occluder;
@@ -187,20 +188,36 @@ impl CylinderFinder {
         self.noise2 = rays.noise2();
         timings.candidates += candidates.len();
         let mut accepted: Vec<Find> = Vec::new();
-        for candidate in &candidates {
-            let find = self.look_at(camera, rays, raw, candidate, (before, &accepted));
-            take(find, &mut accepted, &self.look);
-        }
+        self.add_found(camera, rays, raw, &candidates, before, &mut accepted);
         if panorama.is_some() && self.part == Part::Whole {
             let occluders: Vec<Occluder> = before.iter().chain(&accepted).map(|find| occluder(camera, find)).collect();
             let behind = self.search.behind(&occluders);
             timings.candidates += behind.len();
-            for candidate in &behind {
-                let find = self.look_at(camera, rays, raw, candidate, (before, &accepted));
-                take(find, &mut accepted, &self.look);
-            }
+            self.add_found(camera, rays, raw, &behind, before, &mut accepted);
         }
         accepted
+    }
+
+    /// Adds the robots that candidates are to those `accepted`; of two in one place the one that is surer stays.
+    fn add_found(
+        &mut self,
+        camera: &MountedCamera,
+        rays: &mut PixelRays,
+        raw: &[u8],
+        candidates: &[Candidate],
+        before: &[Find],
+        accepted: &mut Vec<Find>,
+    ) {
+        for candidate in candidates {
+            let Some(find) = self.look_at(camera, rays, raw, candidate, (before, accepted)) else { continue };
+            let twin = accepted.iter().position(|other| overlap(&other.peer, &find.peer, &self.look));
+            match twin {
+                Some(i) if accepted[i].peer.confidence >= find.peer.confidence => {}
+                Some(i) => accepted[i] = find,
+                None if accepted.len() < MAX_PEERS => accepted.push(find),
+                None => {}
+            }
+        }
     }
 
     /// The robot that a candidate is, unless it has been found already.
@@ -242,7 +259,7 @@ impl CylinderFinder {
         occluders: &[Occluder],
     ) -> Option<Found> {
         let found = self.look_from(camera, rays, raw, candidate, occluders)?;
-        let outline = |range_m: f64| (self.look.radius_m / range_m).min(1.0).asin();
+        let outline = |range_m: f64| outline_rad(self.look.radius_m, range_m);
         let (bearing_rad, range_m) = (found.rings.bearing_rad, found.rings.near_m + self.look.radius_m);
         let aside = protocol::angle::difference(bearing_rad, candidate.bearing_rad).abs();
         if aside + outline(range_m) < BESIDE_SHARE * outline(candidate.range_m) + OFF_CENTRE_RAD {
@@ -262,7 +279,7 @@ impl CylinderFinder {
         occluders: &[Occluder],
     ) -> Option<Found> {
         let radius = self.look.radius_m;
-        let half = (radius / candidate.range_m).min(1.0).asin();
+        let half = outline_rad(radius, candidate.range_m);
         let height = camera.viewpoint_body_m().z;
         let [lowest, highest] = camera.camera().elevation_rad();
         // The start may be 6 % off, the outline needs six pixels of background.
@@ -340,8 +357,8 @@ impl CylinderFinder {
     /// Whether a candidate is a body that was found already, or hidden by it.
     fn is_same(&self, camera: &MountedCamera, find: &Find, candidate: &Candidate) -> bool {
         let (peer, radius, height) = (&find.peer, self.look.radius_m, camera.viewpoint_body_m().z);
-        let half = (radius / peer.range_m).min(1.0).asin();
-        let half_candidate = (radius / candidate.range_m).min(1.0).asin();
+        let half = outline_rad(radius, peer.range_m);
+        let half_candidate = outline_rad(radius, candidate.range_m);
         let apart = protocol::angle::difference(peer.bearing_rad, candidate.bearing_rad).abs();
         let behind_m = candidate.range_m - peer.range_m;
         // Two bodies are not in one place, and a candidate's range is not exact.
@@ -599,18 +616,6 @@ fn mount(camera: &MountedCamera) -> Mount {
 fn occluder(camera: &MountedCamera, find: &Find) -> Occluder {
     let size_m = [find.half_m, find.high_m];
     Occluder::new(find.peer.bearing_rad, find.peer.range_m, size_m, camera.viewpoint_body_m().z)
-}
-
-/// Adds a robot that nobody has found, or found less well.
-fn take(find: Option<Find>, accepted: &mut Vec<Find>, look: &CylinderLook) {
-    let Some(find) = find else { return };
-    let twin = accepted.iter().position(|other| overlap(&other.peer, &find.peer, look));
-    match twin {
-        Some(i) if accepted[i].peer.confidence >= find.peer.confidence => {}
-        Some(i) => accepted[i] = find,
-        None if accepted.len() < MAX_PEERS => accepted.push(find),
-        None => {}
-    }
 }
 
 /// Whether two peers cannot both be there.

@@ -3,6 +3,8 @@
 //! Bearings of outlines need care at one place only: the two tangents are at β ± asin(R/B) (not atan: report eq. 5-2 as
 //! printed, `MATHS.md` errata), and the near surface is at B − R, the outline at √(B² − R²).
 
+use protocol::angle::difference;
+
 use super::rays::PixelRay;
 
 /// Towards the outline the distance changes ever faster; it is taken to do so no faster than where the cosine of the angle of
@@ -38,8 +40,7 @@ impl Cylinder {
     /// A cylinder; the observer must be outside (`range_m > radius_m`).
     pub fn new(bearing_rad: f64, range_m: f64, radius_m: f64) -> Self {
         let (s, c) = bearing_rad.sin_cos();
-        let outline_rad = (radius_m / range_m).clamp(0.0, 1.0).asin();
-        Self { range_m, radius_m, outline_rad, axis: [range_m * c, range_m * s] }
+        Self { range_m, radius_m, outline_rad: outline_rad(radius_m, range_m), axis: [range_m * c, range_m * s] }
     }
 
     /// How the distance along a ray to the surface grows as the axis turns to the left, metres per radian, and as it moves away.
@@ -75,6 +76,16 @@ impl Cylinder {
             height_m: f64::from(ray.origin_m[2]) + f64::from(ray.slope) * distance_m,
         }
     }
+}
+
+/// Of either outline from the axis of a cylinder, radians: asin(R/B).
+pub fn outline_rad(radius_m: f64, range_m: f64) -> f64 {
+    (radius_m / range_m).clamp(0.0, 1.0).asin()
+}
+
+/// Whether a bearing lies in a sector [right, left], radians.
+pub fn is_within([right, left]: [f64; 2], bearing_rad: f64) -> bool {
+    difference(bearing_rad, right) > 0.0 && difference(left, bearing_rad) > 0.0
 }
 
 /// asin to 10⁻⁶ without the call, for the angles that a body fills beyond four radii.

@@ -44,8 +44,8 @@ const OUTLINE_ROWS: [usize; 2] = [3, 6];
 const MOST_ROW: i32 = 20;
 const MOST_OUTLINE: i32 = 15;
 const MOST_CURVE: i32 = 30;
-/// Most candidates of a picture. In 700 rooms (seed 500000) the places of eleven near robots were not among the first 14 of plain bodies
-/// and 24 of barred ones; of six of them they were among so many.
+/// Most candidates of a picture. In 700 rooms (seed 500000) eight near robots were not among the first 14 places of plain bodies and
+/// 24 of barred ones; six of them are among so many.
 const MAX_PLAIN: usize = 42;
 const MAX_BARRED: usize = 72;
 /// The curve is fitted this far round the body.
@@ -60,7 +60,8 @@ const LEAST_AGREEING_BARRED: f64 = 0.45;
 const WORST_RMS_PX: f64 = 0.3;
 /// What all columns are wrong by alike: shading, sampling, the lens. Pixels.
 const SHARED_PX: f64 = 0.05;
-/// What a curve is worth beside rings: where both are to be had, rings are taken.
+/// What a curve is worth beside rings: where both are to be had, rings are taken,
+/// with the curve's distance where one edge between rings alone is in view (`CylinderFinder::with_upper_end`).
 const CORRELATION: f64 = 0.97;
 const ROUNDS: usize = 6;
 /// A step in a column is looked for this far from the prediction, pixels.

@@ -3,8 +3,7 @@
 //! A camera on top of a robot looks down on its fellows: what stands behind one shows above it. So a body hides a sector only
 //! below its own upper end, and somebody right behind is measured by what shows over it.
 
-use protocol::angle::difference;
-
+use super::geometry;
 use super::rays::PixelRay;
 
 /// So far above its upper end a body's light may be mixed in, pixels.
@@ -24,7 +23,7 @@ pub struct Occluder {
 impl Occluder {
     /// An upright cylinder of this height and radius, seen by a camera at this height.
     pub fn new(bearing_rad: f64, range_m: f64, [radius_m, height_m]: [f64; 2], camera_height_m: f64) -> Self {
-        let half = (radius_m / range_m).min(1.0).asin();
+        let half = geometry::outline_rad(radius_m, range_m);
         let rise = height_m - camera_height_m;
         // Looked down on, the far side of the lid is its highest line.
         let distance_m = if rise < 0.0 { range_m + radius_m } else { (range_m - radius_m).max(0.1) };
@@ -33,8 +32,7 @@ impl Occluder {
 
     /// Whether it fills this bearing up to its upper end.
     pub fn is_at(&self, bearing_rad: f64) -> bool {
-        let [right, left] = self.sector_rad;
-        difference(bearing_rad, right) > 0.0 && difference(left, bearing_rad) > 0.0
+        geometry::is_within(self.sector_rad, bearing_rad)
     }
 
     /// Whether a pixel sees it, or may.

@@ -16,7 +16,8 @@ use crate::panorama::{PanoramaGeometry, Projection};
 /// Nearest and farthest range, metres, and the step between ranges.
 const RANGE_M: [f64; 2] = [0.6, 7.0];
 const RANGE_STEP: f64 = 1.03;
-/// Most candidates of one picture. With 24 one half hidden robot in ten was none of them.
+/// Most candidates of one picture. Of 165 half hidden robots in 700 rooms (seed 500000) six more were found
+/// with 64 than with 24.
 pub const MAX_CANDIDATES: usize = 48;
 /// Strips below this correlation have no vote; above the second a whole one.
 const VOTE: [f32; 2] = [0.55, 0.85];
@@ -166,12 +167,15 @@ impl Search {
             return Vec::new();
         }
         let width = self.grid.width;
-        let mut shares = vec![1.0; width];
+        let is_hidden = |o: &Occluder| (0..width).map(|u| o.is_at(self.grid.bearing_rad(u as f64))).collect();
+        let sectors: Vec<(f64, Vec<bool>)> = occluders.iter().map(|o| (o.range_m, is_hidden(o))).collect();
+        let (mut unhidden, mut shares) = (vec![1.0; width], vec![1.0; width]);
         let maps = self.votes.chunks_exact_mut(width).zip(self.support.chunks_exact_mut(width));
         for (level, (votes, support)) in self.levels.iter().zip(maps) {
-            let nearer = || occluders.iter().filter(|o| o.range_m < level.range_m);
-            let is_hidden = |u: usize| nearer().any(|o| o.is_at(self.grid.bearing_rad(u as f64)));
-            let unhidden: Vec<f32> = (0..width).map(|u| f32::from(u8::from(!is_hidden(u)))).collect();
+            unhidden.fill(1.0);
+            for (_, is_hidden) in sectors.iter().filter(|(range_m, _)| *range_m < level.range_m) {
+                unhidden.iter_mut().zip(is_hidden).filter(|(_, is)| **is).for_each(|(share, _)| *share = 0.0);
+            }
             votes.iter_mut().zip(&unhidden).for_each(|(vote, is)| *vote *= is);
             let half = level.half_columns * 0.85;
             gather(&unhidden, half, &mut shares);
