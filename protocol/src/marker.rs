@@ -152,6 +152,13 @@ pub struct Ring {
 }
 
 impl Marker {
+    /// Number of a cylinder in [`PeerSighting::marker`](crate::message::PeerSighting::marker).
+    pub const CYLINDER: u8 = 0;
+    /// Of one with bars.
+    pub const BARS: u8 = 1;
+    /// Of a rectangle.
+    pub const RECTANGLE: u8 = 2;
+
     /// How it is painted and lit.
     pub fn look(&self) -> Option<&Look> {
         let (Self::Cylinder { look, .. } | Self::Bars { look, .. } | Self::Rectangle { look, .. }) = self;

@@ -318,7 +318,7 @@ fn without_doubles(mut found: Vec<Find>) -> Vec<Find> {
             // Two bodies are not in one place; one that hides the other may seem nearer or farther than it is.
             let is_before = apart * a.min(b) < 0.8 * other.half_m.max(find.half_m)
                 && (a - b).abs() < 0.05 * a + 0.6 * (other.half_m + find.half_m);
-            other.peer.kind.max(1) != find.peer.kind.max(1)
+            (other.peer.kind == Marker::RECTANGLE) != (find.peer.kind == Marker::RECTANGLE)
                 && (is_before || other.peer.apart_m(&find.peer) < SAME_BODY * (other.half_m + find.half_m))
         };
         if !kept.iter().any(is_taken) {
@@ -332,8 +332,8 @@ fn without_doubles(mut found: Vec<Find>) -> Vec<Find> {
 /// looks like one, and somebody who has not announced himself, must be beyond doubt.
 fn as_announced(likeliest_first: Vec<Find>, mut announced_plates: usize) -> Vec<Peer> {
     let stays = |find: &Find| {
-        let is_extra = find.peer.kind == 2 && announced_plates == 0;
-        announced_plates -= usize::from(find.peer.kind == 2 && !is_extra);
+        let is_extra = find.peer.kind == Marker::RECTANGLE && announced_plates == 0;
+        announced_plates -= usize::from(find.peer.kind == Marker::RECTANGLE && !is_extra);
         !is_extra || find.log_odds >= EXTRA_PLATE_LOG_ODDS
     };
     likeliest_first.into_iter().filter(stays).map(|find| find.peer).collect()

@@ -98,7 +98,7 @@ impl Stages {
 /// A fellow robot in the picture.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PeerSighting {
-    /// Which of the announced markers it wears: index into the kinds cylinder 0, bars 1, rectangle 2.
+    /// Which of the announced markers it wears: a number of [`Marker`](crate::marker::Marker), such as `Marker::CYLINDER`.
     pub marker: u8,
     /// Who it is, where the marker says so. Robots that look alike leave it open: the leader names them.
     pub robot: Option<RobotId>,

@@ -67,7 +67,7 @@ pub(crate) fn sighting() -> PeerSighting {
         elevation: Some(([Angle16::from_rad(-0.25), Angle16::from_rad(-0.05)], LogSigma::from_value(0.002))),
     };
     PeerSighting {
-        marker: 0,
+        marker: Marker::CYLINDER,
         robot: None,
         bearing: Angle16::from_rad(-1.0),
         bearing_sigma: LogSigma::from_value(0.0004),
@@ -96,7 +96,7 @@ pub(crate) fn observation() -> Observation {
 /// Everything that an observation can hold, in every form.
 pub(crate) fn full_observation() -> Observation {
     let mut bars = PeerSighting {
-        marker: 1,
+        marker: Marker::BARS,
         robot: Some(robot("r2")),
         range: None,
         heading: Some((Angle16::from_rad(2.0), LogSigma::from_value(0.05))),

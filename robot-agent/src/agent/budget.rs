@@ -138,6 +138,7 @@ fn wire_bytes<M: Message>(message: &M) -> f64 {
 
 #[cfg(test)]
 mod tests {
+    use protocol::marker::Marker;
     use protocol::message::{ElevationEnd, Motion, ObjectClass, PeerSighting, Stages, TrackObservation, TrackState};
     use protocol::quantity::{Angle16, Fraction8, LogSigma};
 
@@ -220,7 +221,7 @@ mod tests {
 
     fn observation(sequence: u32, tracks: u32) -> Observation {
         let sighting = PeerSighting {
-            marker: 0,
+            marker: Marker::CYLINDER,
             robot: None,
             bearing: Angle16::from_rad(0.1),
             bearing_sigma: LogSigma::from_value(0.001),

@@ -113,11 +113,13 @@ fn widen(peer: &mut Peer, variances: [f64; 2]) {
 
 #[cfg(test)]
 mod tests {
+    use protocol::marker::Marker;
+
     use super::*;
 
     fn peer(bearing_rad: f64, range_m: f64) -> Peer {
         Peer {
-            kind: 0,
+            kind: Marker::CYLINDER,
             robot: None,
             bearing_rad,
             range_m,

@@ -67,6 +67,7 @@ impl Place {
 
 #[cfg(test)]
 mod tests {
+    use protocol::marker::Marker;
     use protocol::message::SightedRange;
     use protocol::quantity::{Angle16, Fraction8, LogSigma, Millimetres};
 
@@ -74,7 +75,7 @@ mod tests {
 
     fn sighting(bearing_rad: f64, range_m: f64) -> PeerSighting {
         PeerSighting {
-            marker: 0,
+            marker: Marker::CYLINDER,
             robot: None,
             bearing: Angle16::from_rad(bearing_rad),
             bearing_sigma: LogSigma::from_value(2e-4),

@@ -292,7 +292,7 @@ mod tests {
 
     fn peer(bearing_rad: f64) -> Peer {
         Peer {
-            kind: 0,
+            kind: Marker::CYLINDER,
             robot: None,
             bearing_rad,
             range_m: 2.0,

@@ -12,6 +12,8 @@ mod confirm;
 pub(super) mod credible;
 
 use nalgebra::{Matrix2, Matrix2x3, Matrix3};
+use protocol::marker::Marker;
+use protocol::message::observation::FeaturePart;
 
 use super::bars::{self, Reading};
 use super::combine::{self, Evidence, Mount};
@@ -26,7 +28,6 @@ use super::search::{Candidate, Grid, Search};
 use super::verdict::{Fit, Fits};
 use super::{Before, Find, Peer, PeerFeature, Timings};
 use crate::optics::MountedCamera;
-use protocol::message::observation::FeaturePart;
 
 /// What remains of an outline's error when noise has averaged out: shading, sampling, the lens. Pixels.
 pub const EDGE_FLOOR_PX: f64 = 0.045;
@@ -537,7 +538,7 @@ impl CylinderFinder {
         let evidence_share = [0.6, 0.85, 1.0][seen];
         let pattern = found.reading.as_ref().map(|reading| (&look.patterns[reading.pattern], reading));
         Some(Peer {
-            kind: pattern.map_or(0, |(pattern, _)| pattern.kind),
+            kind: pattern.map_or(Marker::CYLINDER, |(pattern, _)| pattern.kind),
             robot: pattern.filter(|(_, reading)| reading.is_named).and_then(|(pattern, _)| pattern.robot),
             bearing_rad: position.bearing_rad,
             range_m: position.range_m,

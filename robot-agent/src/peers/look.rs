@@ -106,7 +106,7 @@ impl CylinderLook {
                 Pattern::new(robot, azimuths_deg, code.as_deref(), width_deg)?
             }
             (Marker::Bars { .. }, None) => return Err(PeerError::NoBars),
-            _ => Pattern { robot: None, kind: 0, bars: Vec::new(), period_rad: TAU, narrowest_rad: TAU },
+            _ => Pattern { robot: None, kind: Marker::CYLINDER, bars: Vec::new(), period_rad: TAU, narrowest_rad: TAU },
         };
         Ok(Self { radius_m, ends_m, edges_m, reflectance, patterns: vec![pattern] })
     }
@@ -197,7 +197,13 @@ impl PlateLook {
             ends_m: [self.bottom_m, self.bottom_m + self.height_m],
             edges_m: self.edges_m.clone(),
             reflectance: self.reflectance.clone(),
-            patterns: vec![Pattern { robot: None, kind: 2, bars: vec![bar], period_rad: TAU, narrowest_rad: 1.0 }],
+            patterns: vec![Pattern {
+                robot: None,
+                kind: Marker::RECTANGLE,
+                bars: vec![bar],
+                period_rad: TAU,
+                narrowest_rad: 1.0,
+            }],
         }
     }
 }
@@ -265,7 +271,7 @@ impl Pattern {
         }
         let narrowest_rad = bars.iter().map(|bar| 2.0 * bar.half_width_rad).fold(TAU, f64::min);
         let period_rad = period(&bars);
-        Ok(Self { robot, kind: 1, bars, period_rad, narrowest_rad })
+        Ok(Self { robot, kind: Marker::BARS, bars, period_rad, narrowest_rad })
     }
 }
 

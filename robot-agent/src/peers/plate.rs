@@ -18,6 +18,7 @@ mod search;
 
 use nalgebra::{Matrix2, Matrix3, SMatrix, SVector, Vector2, Vector3};
 use protocol::angle::{difference, wrap};
+use protocol::marker::Marker;
 use protocol::message::observation::FeaturePart;
 
 use super::edges::{EdgeFit, Side};
@@ -404,7 +405,7 @@ impl PlateFinder {
             }
         };
         Some(Peer {
-            kind: 2,
+            kind: Marker::RECTANGLE,
             robot: None,
             bearing_rad: bearing,
             range_m: range,

@@ -123,7 +123,7 @@ fn coded_bars_say_who_it_is_and_which_way_it_looks() {
     assert_eq!(peers.len(), 3, "{peers:?}");
     for (bearing, range, heading) in robots {
         let peer = nearest(&peers, bearing);
-        assert_eq!((peer.kind, peer.robot), (1, RobotId::new("r2").ok()), "{range} m");
+        assert_eq!((peer.kind, peer.robot), (Marker::BARS, RobotId::new("r2").ok()), "{range} m");
         let [found, sigma] = peer.heading_rad.unwrap();
         let error = difference(found, heading);
         assert!(error.abs() < 4.0 * sigma && error.abs() < 0.07, "{range} m: heading off by {error}, sigma {sigma}");
@@ -138,7 +138,7 @@ fn plain_rings_beside_barred_fellows_are_a_cylinder_without_a_heading() {
     let others = test_scene::robot(1.5, 1.0);
     let peers = sighted_bars(23, &[], others);
     assert_eq!(peers.len(), 1, "{peers:?}");
-    assert_eq!((peers[0].kind, peers[0].robot, peers[0].heading_rad), (0, None, None));
+    assert_eq!((peers[0].kind, peers[0].robot, peers[0].heading_rad), (Marker::CYLINDER, None, None));
     assert_consistent(&peers[0], 1.0_f64.atan2(1.5), 1.0_f64.hypot(1.5));
 }
 

@@ -3,6 +3,7 @@
 
 use protocol::angle::wrap;
 use protocol::id::{RobotId, TrackId};
+use protocol::marker::Marker;
 use protocol::message::{
     Alarm, AlarmKind, Announcement, CameraSummary, ClockProbe, ClockReply, ElevationEnd, Motion, ObjectClass,
     Observation, PeerSighting, SightedRange, Stages, TrackObservation, TrackState,
@@ -172,7 +173,7 @@ impl Robot {
             let measured_m = RADIUS_M / (half + 0.5 * (left - right)).sin();
             let slope = range_m * (range_m * range_m - RADIUS_M * RADIUS_M).sqrt() / (2.0 * RADIUS_M);
             found.push(PeerSighting {
-                marker: 0,
+                marker: Marker::CYLINDER,
                 robot: None,
                 bearing: Angle16::from_rad(wrap(bearing + 0.5 * (left + right))),
                 bearing_sigma: LogSigma::from_value(EDGE_RAD / 2f64.sqrt()),

@@ -220,7 +220,7 @@ impl Room {
             let range_sigma_m =
                 range_m * (range_m * range_m - RADIUS_M * RADIUS_M).sqrt() / (2.0 * RADIUS_M) * 2f64.sqrt();
             seen.push(PeerSighting {
-                marker: 0,
+                marker: Marker::CYLINDER,
                 robot: None,
                 bearing: Angle16::from_rad(me.bearing_to(to) + 0.5 * (left + right) + shift),
                 bearing_sigma: LogSigma::from_value(edge / 2f64.sqrt()),

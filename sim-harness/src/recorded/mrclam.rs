@@ -329,7 +329,7 @@ impl<'a> Run<'a> {
         self.sequence[event.robot] += 1;
         let turning = robot.turning_at(event.time_s);
         let sighting = |r: &Reading| PeerSighting {
-            marker: 0,
+            marker: Marker::CYLINDER,
             robot: Some(self.robots[r.peer].id),
             bearing: Angle16::from_rad(r.bearing_rad),
             bearing_sigma: LogSigma::from_value(BEARING_SIGMA_RAD.hypot(STAMP_SIGMA_S * turning)),

@@ -2,6 +2,7 @@
 //! with noise. It shares no formula with the leader: positions are chosen, angles follow.
 
 use protocol::id::{RobotId, TrackId};
+use protocol::marker::Marker;
 use protocol::message::observation::FeaturePart;
 use protocol::message::{
     ElevationEnd, Feature, Motion, ObjectClass, Observation, PeerSighting, Stages, TrackObservation, TrackState,
@@ -114,7 +115,7 @@ impl Room {
             };
             let features = vec![edge(FeaturePart::Right, -half), edge(FeaturePart::Left, half)];
             sightings.push(PeerSighting {
-                marker: 0,
+                marker: Marker::CYLINDER,
                 robot: RobotId::new(&format!("r{}", self.number * ROOM + other)).ok().filter(|_| self.coded),
                 bearing: Angle16::from_rad(bearing(to)),
                 bearing_sigma: LogSigma::from_value(EDGE_SIGMA_RAD),

@@ -138,7 +138,7 @@ fn observation(sequence: u32) -> Observation {
         elevation: Some((ends, LogSigma::from_value(0.001))),
     };
     let sighting = PeerSighting {
-        marker: 0,
+        marker: Marker::CYLINDER,
         robot: None,
         bearing: Angle16::from_rad(0.0),
         bearing_sigma: LogSigma::from_value(0.001),

@@ -9,6 +9,7 @@ use std::collections::BTreeMap;
 use protocol::angle::wrap;
 use protocol::frames::Pose2;
 use protocol::id::{LeaderId, RobotId, TrackId};
+use protocol::marker::Marker;
 use protocol::message::observation::Odometry;
 use protocol::message::{
     Announcement, CameraSummary, ElevationEnd, Motion, ObjectClass, Observation, PeerSighting, SightedRange, Stages,
@@ -258,7 +259,7 @@ fn sighting_of(problem: &Problem, s: &Sighting, ids: &[RobotId]) -> Option<PeerS
     };
     let axis = axis(s, radius)?;
     Some(PeerSighting {
-        marker: 0,
+        marker: Marker::CYLINDER,
         robot: s.peer.map(|p| ids[p]),
         bearing: Angle16::from_rad(axis.bearing.0),
         bearing_sigma: LogSigma::from_value(axis.bearing.1.hypot(0.3 * Angle16::STEP_RAD)),

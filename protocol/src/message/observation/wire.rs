@@ -25,6 +25,7 @@ use super::{
     PeerSighting, SightedRange, Stages, TrackObservation, TrackState,
 };
 use crate::id::TrackId;
+use crate::marker::Marker;
 use crate::time::Timestamp;
 
 const MOTIONS: [Motion; 5] = [Motion::Standing, Motion::Turning, Motion::Moving, Motion::Lifted, Motion::Unknown];
@@ -95,7 +96,7 @@ impl<'de, C> BorrowDecode<'de, C> for Observation {
 }
 
 fn put_sighting<E: Encoder>(encoder: &mut E, sighting: &PeerSighting) -> Result<(), EncodeError> {
-    if sighting.marker > 2 || sighting.features.len() > MAX_FEATURES {
+    if sighting.marker > Marker::RECTANGLE || sighting.features.len() > MAX_FEATURES {
         return Err(EncodeError::Other("a sighting's marker or number of features is above its limit"));
     }
     let both_edges = are_both_edges(&sighting.features);

@@ -676,7 +676,7 @@ impl World {
             let range = 0.2 / (0.5 * width).sin();
             let range_sigma = range * (range * range - 0.04).sqrt() / 0.4 * 2f64.sqrt() * edge;
             found.push(PeerSighting {
-                marker: 0,
+                marker: Marker::CYLINDER,
                 robot: named.then(|| self.robots[called.unwrap_or(j)].id),
                 bearing: Angle16::from_rad(
                     b + 0.5 * (left + right) + shift + if backwards { std::f64::consts::PI } else { 0.0 },
