@@ -237,12 +237,13 @@ async fn measure_async(
     let (mut last_map, mut all_placed_s, mut least_right) = (None, None, [1.0_f64; 2]);
     let rooms: Vec<Room> = (0..load.robots.div_ceil(ROOM)).map(|number| load.room(number)).collect();
     let there = load.there();
-    loop {
+    let end = loop {
         if began.elapsed() >= until {
-            marks.push(look()?);
+            let end = look()?;
+            marks.push(end);
             let memory_mb: Vec<f64> = marks.iter().map(megabytes).collect();
             if !load.flat || !grows(&memory_mb) || memory_mb.len() > MOST_SPANS {
-                break;
+                break end;
             }
             until += total - filling;
         }
@@ -274,8 +275,7 @@ async fn measure_async(
                 progress(began.elapsed().as_secs_f64(), figures);
             }
         }
-    }
-    let end = look()?;
+    };
     let (start, since) = settled.unwrap_or((end, began));
     let measured_s = since.elapsed().as_secs_f64().max(1e-3);
     stop.send_modify(|conduct| conduct.stopped = true);

@@ -103,10 +103,7 @@ fn measure(args: &ScaleArgs) -> Result<(), TeamError> {
 fn unflat(figures: &Figures) -> Option<String> {
     let robots = figures.load.robots;
     if figures.memory_grows() {
-        return Some(format!(
-            "{robots} robots: the leader's memory grew from {} MB",
-            joined(figures.memory_mb.iter().map(|mb| format!("{mb:.1}")), " to ")
-        ));
+        return Some(format!("{robots} robots: the leader's memory grew from {} MB", marks_mb(figures, " to ")));
     }
     let files = &figures.open_files;
     if files.last() > files.first() {
@@ -133,10 +130,14 @@ fn in_words(figures: &Figures, first: bool) -> String {
         figures.right[0][1],
         figures.right[1][0],
         figures.right[1][1],
-        joined(figures.memory_mb.iter().map(|mb| format!("{mb:.1}")), " → "),
+        marks_mb(figures, " → "),
         joined(&figures.open_files, " → "),
     );
     if first { format!("{heading}\n{line}") } else { line }
+}
+
+fn marks_mb(figures: &Figures, between: &str) -> String {
+    joined(figures.memory_mb.iter().map(|mb| format!("{mb:.1}")), between)
 }
 
 fn joined(values: impl IntoIterator<Item: ToString>, between: &str) -> String {
