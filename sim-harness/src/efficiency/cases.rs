@@ -29,7 +29,7 @@ pub enum Noise {
 }
 
 /// Share of errors from the broad Gaussian, and its width in sigmas, of [`Noise::Tailed`].
-const TAIL: (f64, f64) = (0.04, 5.0);
+pub const TAIL: (f64, f64) = (0.04, 5.0);
 
 impl Noise {
     /// An error in sigmas.

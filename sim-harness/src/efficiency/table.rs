@@ -4,6 +4,7 @@ use std::fmt::Write;
 
 use serde::Serialize;
 
+use super::reference::Reference;
 use super::trial::{LINEAR_BELOW, Outcome};
 
 /// The issue's figures over all cases.
@@ -19,14 +20,9 @@ pub struct Verdict {
     pub median_to_bound: f64,
     /// The other cases, compared with the reference.
     pub curved_cases: usize,
-    /// Cases compared with the reference: these, and those that miss the bound; with tails all.
-    pub referred: usize,
-    /// The largest RMSE over the reference's among them, and of which case.
-    pub worst_to_reference: f64,
-    /// Which.
-    pub worst_referred: String,
-    /// The median of the largest of each case.
-    pub median_to_reference: f64,
+    /// How the cases that were compared with a reference came off, by reference: the curved ones, and those that miss the bound; with
+    /// tails all.
+    pub referred: Vec<Referred>,
     /// Consistency checks (NEES of robots and target, NIS), and those out of their bounds at 1 % over all cases together.
     pub checks: usize,
     /// Which are out.
@@ -37,6 +33,38 @@ pub struct Verdict {
     pub failed: usize,
 }
 
+/// Cases beside one reference.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Referred {
+    /// Which.
+    pub reference: Reference,
+    /// How many cases.
+    pub cases: usize,
+    /// Those whose RMSE is at most 10 % more than the reference's, in all four quantities.
+    pub within_10_percent: usize,
+    /// The median of the largest of each case.
+    pub median: f64,
+    /// The largest, and of which case.
+    pub worst: f64,
+    /// Which.
+    pub worst_case: String,
+}
+
+fn referred(outcomes: &[Outcome], reference: Reference) -> Option<Referred> {
+    let beside = outcomes.iter().filter(|o| o.reference == reference);
+    let mut all: Vec<(f64, &String)> = beside.filter_map(|o| Some((o.to_reference?.largest(), &o.name))).collect();
+    all.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let (worst, worst_case) = all.last()?;
+    Some(Referred {
+        reference,
+        cases: all.len(),
+        within_10_percent: all.iter().filter(|(ratio, _)| *ratio <= 1.1).count(),
+        median: all[all.len() / 2].0,
+        worst: *worst,
+        worst_case: (*worst_case).clone(),
+    })
+}
+
 /// Sums up.
 pub fn verdict(outcomes: &[Outcome]) -> Verdict {
     let linear: Vec<&Outcome> = outcomes.iter().filter(|o| o.relative_bound <= LINEAR_BELOW).collect();
@@ -44,9 +72,6 @@ pub fn verdict(outcomes: &[Outcome]) -> Verdict {
     let mut ratios: Vec<f64> = linear.iter().flat_map(each).collect();
     ratios.sort_by(f64::total_cmp);
     let worst = linear.iter().max_by(|a, b| a.to_bound.largest().total_cmp(&b.to_bound.largest()));
-    let mut referred: Vec<(f64, &String)> =
-        outcomes.iter().filter_map(|o| Some((o.to_reference?.largest(), &o.name))).collect();
-    referred.sort_by(|a, b| a.0.total_cmp(&b.0));
     let checks = || {
         outcomes.iter().flat_map(|o| {
             let all = [("NEES robots", Some(o.nees_robots)), ("NEES target", Some(o.nees_target)), ("NIS", o.nis)];
@@ -59,10 +84,10 @@ pub fn verdict(outcomes: &[Outcome]) -> Verdict {
         worst_case: worst.map_or_else(String::new, |o| o.name.clone()),
         median_to_bound: ratios.get(ratios.len() / 2).copied().unwrap_or(f64::NAN),
         curved_cases: outcomes.len() - linear.len(),
-        referred: referred.len(),
-        worst_to_reference: referred.last().map_or(f64::NAN, |r| r.0),
-        worst_referred: referred.last().map_or_else(String::new, |r| r.1.clone()),
-        median_to_reference: referred.get(referred.len() / 2).map_or(f64::NAN, |r| r.0),
+        referred: [Reference::LikeliestPeak, Reference::LeastSquareError]
+            .into_iter()
+            .filter_map(|reference| referred(outcomes, reference))
+            .collect(),
         checks: checks().count(),
         out_of_bounds: checks()
             .filter(|(_, _, check)| !check.holds())
@@ -82,15 +107,15 @@ pub fn verdict(outcomes: &[Outcome]) -> Verdict {
 pub fn text(outcomes: &[Outcome]) -> String {
     let mut text = format!(
         "{:<46} {:>6} {:>6} {:>6} {:>6} {:>6} {:>8} {:>6} {:>6} {:>6} {:>6} {:>6}\n",
-        "case", "σ_B/B", "B", "place", "turn", "target", "bias mm", "to ML", "NEES r", "NEES t", "NIS", "failed"
+        "case", "σ_B/B", "B", "place", "turn", "target", "bias mm", "to ref", "NEES r", "NEES t", "NIS", "failed"
     );
     for o in outcomes {
         let r = o.to_bound;
         let nis = o.nis.map_or_else(|| "-".to_owned(), |n| format!("{:.3}", n.mean));
-        let ml = o.to_reference.map_or_else(|| "-".to_owned(), |r| format!("{:.3}", r.largest()));
+        let beside = o.to_reference.map_or_else(|| "-".to_owned(), |r| format!("{:.3}", r.largest()));
         let _ = writeln!(
             text,
-            "{:<46} {:>6.4} {:>6.3} {:>6.3} {:>6.3} {:>6.3} {:>8.2} {ml:>6} {:>6.3} {:>6.3} {nis:>6} {:>6}",
+            "{:<46} {:>6.4} {:>6.3} {:>6.3} {:>6.3} {:>6.3} {:>8.2} {beside:>6} {:>6.3} {:>6.3} {nis:>6} {:>6}",
             o.name,
             o.relative_bound,
             r.baseline,
@@ -106,18 +131,26 @@ pub fn text(outcomes: &[Outcome]) -> String {
     let v = verdict(outcomes);
     let _ = writeln!(
         text,
-        "\nB, place, turn, target: RMSE over the Cramér–Rao bound; to ML: over that of an independent\nestimator that knows the errors' density, where σ_B/B > {LINEAR_BELOW} or the bound is missed by 5 %; with tails everywhere"
+        "\nB, place, turn, target: RMSE over the Cramér–Rao bound; to ref: over that of an independent estimator that\n\
+         knows the errors' density, where σ_B/B > {LINEAR_BELOW} or the bound is missed by 5 %; with tails everywhere"
     );
     let _ = writeln!(
         text,
         "RMSE over the bound, {} cases with σ_B/B ≤ {LINEAR_BELOW}: median {:.4}, worst {:.4} ({})",
         v.linear_cases, v.median_to_bound, v.worst_to_bound, v.worst_case
     );
-    let _ = writeln!(
-        text,
-        "RMSE over the reference, {} cases ({} with σ_B/B > {LINEAR_BELOW}): median {:.4}, worst {:.4} ({})",
-        v.referred, v.curved_cases, v.median_to_reference, v.worst_to_reference, v.worst_referred
-    );
+    for r in &v.referred {
+        let _ = writeln!(
+            text,
+            "RMSE over {}, {} cases: median {:.4}, within 10 % {}, worst {:.4} ({})",
+            r.reference.words(),
+            r.cases,
+            r.median,
+            r.within_10_percent,
+            r.worst,
+            r.worst_case
+        );
+    }
     let _ = writeln!(
         text,
         "consistency: {} of {} outside bounds at 1 % over all; {} with p < 1 % by Kolmogorov; {} draws without solution",

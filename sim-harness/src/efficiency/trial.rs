@@ -11,8 +11,8 @@ use team_leader::solve::output::Solution;
 use team_leader::solve::solve;
 
 use super::bound::{bound, of_baseline};
-use super::cases::{Case, Noise, SEED};
-use super::reference::{estimate, squared_errors};
+use super::cases::{Case, Noise, SEED, TAIL};
+use super::reference::{LeastSquareError, Reference, estimate, squared_errors};
 use super::scene::{CAMERA_M, Measurement, PLATE_M, RADIUS_M, Scene, What, Worn, bar_azimuth, turn};
 use super::statistics::{kolmogorov_chi2, mean_bounds};
 use crate::parallel;
@@ -24,7 +24,7 @@ pub const LINEAR_BELOW: f64 = 0.08;
 pub struct Plan {
     /// Draws a case.
     pub draws: usize,
-    /// Draws of the reference where the bound is not exact; with tails the reference solves every draw that the solver gets.
+    /// Draws of the reference where the bound is not exact; with tails (unless 0) the reference solves every draw that the solver gets.
     pub reference: usize,
     /// What errors are like.
     pub noise: Noise,
@@ -100,7 +100,9 @@ pub struct Outcome {
     pub draws: usize,
     /// RMSE over the Cramér–Rao bound.
     pub to_bound: Ratios,
-    /// RMSE over that of the reference, where it was run.
+    /// Which estimator it is compared with.
+    pub reference: Reference,
+    /// RMSE over the reference's, where it was run.
     pub to_reference: Option<Ratios>,
     /// Mean error of the baseline, metres.
     pub baseline_bias_m: f64,
@@ -142,6 +144,11 @@ pub fn run_case(case: &Case, plan: &Plan, cases: usize) -> Option<Outcome> {
         let from = |start: &Vec<f64>| estimate(scene, &measurements, measured, (sigma, plan.noise), start.clone());
         starts.iter().filter_map(from).min_by(|a, b| a.1.total_cmp(&b.1)).map(|(x, _)| x)
     };
+    let tailed = plan.noise == Noise::Tailed && plan.reference > 0;
+    let relative_bound = of_baseline(scene, &bound) / baseline_m;
+    // Where five times the sigma is small, too.
+    let linear = TAIL.1 * relative_bound <= LINEAR_BELOW;
+    let best = if tailed && linear { LeastSquareError::new(scene, &measurements, sigma) } else { None };
     for _ in 0..plan.draws {
         let measured = draw(plan.noise);
         let solution = solve(problem(scene, &measurements, &measured, sigma));
@@ -150,11 +157,14 @@ pub fn run_case(case: &Case, plan: &Plan, cases: usize) -> Option<Outcome> {
             continue;
         };
         let squared = squared_errors(scene, &sample.estimate);
-        if plan.noise == Noise::Tailed
-            && plan.reference > 0
+        let errors = || measured.iter().zip(&exact).map(|(m, e)| turn(m - e) / sigma).collect::<Vec<f64>>();
+        let beside_it = match &best {
+            Some(best) => Some(best.estimate(&errors())),
             // Of several peaks the highest need not be the one by the truth, which nobody who only has the measurements can know.
-            && let Some(x) = likeliest(&measured, &[scene.unknowns(), sample.estimate.clone()])
-        {
+            None if tailed => likeliest(&measured, &[scene.unknowns(), sample.estimate.clone()]),
+            None => None,
+        };
+        if let Some(x) = beside_it {
             beside += squared_errors(scene, &x);
             compared += &squared;
         }
@@ -168,7 +178,6 @@ pub fn run_case(case: &Case, plan: &Plan, cases: usize) -> Option<Outcome> {
     let solved = (plan.draws - failed).max(1) as f64;
     let mean = sums / solved;
     let variances = bounds_of(scene, &bound);
-    let relative_bound = of_baseline(scene, &bound) / baseline_m;
     let to_bound = ratios(&mean, &variances);
     let curved = relative_bound > LINEAR_BELOW || to_bound.largest() > 1.05;
     let same_draws = beside.iter().all(|b| *b > 0.0).then(|| ratios(&compared, &beside));
@@ -198,6 +207,7 @@ pub fn run_case(case: &Case, plan: &Plan, cases: usize) -> Option<Outcome> {
         failed,
         draws: plan.draws,
         to_bound,
+        reference: if best.is_some() { Reference::LeastSquareError } else { Reference::LikeliestPeak },
         to_reference,
         baseline_bias_m: bias / solved,
         nees_robots: Consistency::of(&robots, 3 * (scene.robots.len() - 1), alpha),

@@ -39,7 +39,8 @@ impl Stage {
         Matrix3::from_fn(|r, c| all[r][c])
     }
 
-    fn target_covariance(&self, target: usize) -> Matrix3<f64> {
+    /// Of its position.
+    pub(super) fn target_covariance(&self, target: usize) -> Matrix3<f64> {
         let mut cov: Matrix3<f64> = self.joint.target_covariances[target].fixed_view::<3, 3>(0, 0).into_owned();
         if self.layout.targets[target][2].is_none() {
             cov[(2, 2)] = UNKNOWN_VAR;

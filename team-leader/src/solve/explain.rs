@@ -2,18 +2,19 @@
 //!
 //! At the minimum the estimate is linear in the measurements: a measurement that is off by one sigma moves the target by
 //! g = C jᵀ w (C the covariance, j the standardised derivatives, w the weight). So Σ g gᵀ is the target's covariance, and each
-//! measurement's part of it is its own g gᵀ; g over sigma is the sensitivity.
+//! measurement's part of it is its own g gᵀ; g over sigma is the sensitivity. Where measurements contradict each other the stated
+//! covariance is larger: some are not believed, and which ones is in doubt.
 
 use nalgebra::{DMatrix, DVector};
 use serde::{Deserialize, Serialize};
 
 use super::Stage;
 use super::input::Problem;
+use super::joint;
 use super::layout::Layout;
 use super::matching::{self, Doubt};
 use super::observability::dense;
 use super::terms::{Kind, Other, Term};
-use super::{joint, terms};
 
 /// With more unknowns the whole covariance would be too large.
 const MAX_UNKNOWNS: usize = 1500;
@@ -40,8 +41,9 @@ pub struct Explained {
 /// A source of error.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Contribution {
-    /// What: the matching of bearings without a name, the baseline between two robots (its length and direction), the way of a robot between two places, a bearing, a clock,
-    /// a bias.
+    /// What: the matching of bearings without a name, the baseline between two robots (its length and direction), the way of a robot
+    /// between two places, a bearing, a clock, a bias, a contradiction (measurements of which some must be wrong, and which ones is
+    /// not certain).
     pub source: String,
     /// Root mean square, metres.
     pub rms_m: f64,
@@ -83,7 +85,7 @@ impl Stage {
             return Vec::new();
         }
         let state = &self.joint.state;
-        let rows: Vec<DVector<f64>> = self.terms.iter().map(|t| unknown_part(&t.row(state), t, layout)).collect();
+        let rows: Vec<DVector<f64>> = self.terms.iter().map(|t| t.row(state).unknowns(t, layout)).collect();
         let mut weighted = DMatrix::zeros(layout.unknowns, layout.unknowns);
         for ((term, row), w) in self.terms.iter().zip(&rows).zip(&self.joint.weights) {
             accumulate(&mut weighted, term, row, layout, *w);
@@ -101,7 +103,8 @@ impl Stage {
             .filter_map(|t| {
                 let (x, y) = (layout.targets[t][0]?, layout.targets[t][1]?);
                 let place = cov.select_rows(&[x, y]);
-                let parts = self.parts(problem, &place, &rows, doubts[t]);
+                let stated = self.target_covariance(t);
+                let parts = self.parts(problem, &place, stated[(0, 0)] + stated[(1, 1)], &rows, doubts[t]);
                 let variance = |c: &DMatrix<f64>| c[(x, x)] + c[(y, y)];
                 Some(Explained {
                     target: problem.targets[t].clone(),
@@ -114,11 +117,12 @@ impl Stage {
             .collect()
     }
 
-    /// Every source of a target's error, whose rows of the covariance are `place`.
+    /// Every source of a target's error, whose rows of the covariance are `place`, and whose stated variance is `stated_m2`.
     fn parts(
         &self,
         problem: &Problem,
         place: &DMatrix<f64>,
+        stated_m2: f64,
         rows: &[DVector<f64>],
         doubt: Option<Doubt>,
     ) -> Vec<Contribution> {
@@ -146,6 +150,11 @@ impl Stage {
             let what = if k == 3 { "bearing bias" } else { "clock" };
             let part = source(&mut sources, format!("{what} of {} (as known before)", problem.robots[robot].id));
             part.variance += place.column(column).norm_squared() * sigma.powi(-2);
+        }
+        if self.joint.tailed {
+            // What the stated covariance has beyond errors of the stated sigmas.
+            let beyond = stated_m2 - sources.iter().map(|s| s.variance).sum::<f64>();
+            source(&mut sources, "contradiction".to_owned()).variance += beyond.max(0.0);
         }
         if let Some(doubt) = doubt {
             let part = source(&mut sources, "matching".to_owned());
@@ -194,23 +203,6 @@ fn name(term: &Term, problem: &Problem) -> String {
         }
         Other::Target(t) => format!("bearings of {} by {me}", problem.targets[t]),
     }
-}
-
-/// A row's derivatives to all unknowns.
-fn unknown_part(row: &terms::Row, term: &Term, layout: &Layout) -> DVector<f64> {
-    let mut all = DVector::zeros(layout.unknowns);
-    let other = match term.other {
-        Other::Robot(r) => &layout.robots[r],
-        Other::Target(t) => &layout.targets[t],
-    };
-    for (columns, derivatives) in [(&layout.robots[term.observer], &row.observer), (other, &row.other)] {
-        for (column, d) in columns.iter().zip(derivatives) {
-            if let Some(c) = *column {
-                all[c] += d;
-            }
-        }
-    }
-    all
 }
 
 /// Adds w j jᵀ, of which only the observer's and the other's entries are not zero.

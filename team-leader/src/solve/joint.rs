@@ -10,7 +10,10 @@
 //! ```
 //!
 //! Gaussian first; where the residuals say that they are not (their sum or the largest of them is beyond what chance does
-//! once in a hundred), again with the loss of real bearings ([`super::robust`]).
+//! once in a hundred), again with the loss of real bearings ([`super::robust`]) and, where the measurements are too few to tell
+//! which of them are wrong, as the mean over who may be (`doubt`).
+
+mod doubt;
 
 use nalgebra::{DMatrix, DVector, SMatrix, SVector};
 use statrs::distribution::{ContinuousCDF, Normal as Gaussian};
@@ -19,6 +22,7 @@ use super::layout::{Layout, State, TARGET};
 use super::observability::{self, Weakest};
 use super::robust::Loss;
 use super::terms::{Other, Term};
+use doubt::Average;
 
 /// Steps at most.
 const MAX_ITERATIONS: usize = 200;
@@ -105,7 +109,11 @@ pub fn solve(terms: &[Term], layout: &Layout, start: State) -> Joint {
         }
     }
     // Where too much would have to be set aside, nobody can say which part is wrong.
-    best.map_or_else(|| conclude(terms, layout, near, Loss::Huber, near_ended), |(_, joint)| joint)
+    let Some((_, best)) = best else { return conclude(terms, layout, near, Loss::Huber, near_ended) };
+    match Average::about(terms, layout, &best.state) {
+        Some(average) => describe(terms, layout, average, best.weakest),
+        None => best,
+    }
 }
 
 /// Standardised residuals.
@@ -174,26 +182,27 @@ fn minimise(terms: &[Term], layout: &Layout, start: State, loss: Loss) -> (State
 }
 
 fn conclude(terms: &[Term], layout: &Layout, state: State, loss: Loss, converged: bool) -> Joint {
-    let plan = Plan::new(terms, layout);
-    let (normal, weights) = plan.normal(&state, loss);
+    let (normal, weights) = Plan::new(terms, layout).normal(&state, loss);
     let (robot_covariance, target_covariances) = normal.covariances(layout);
     let weakest = observability::weakest(&normal, layout, &target_covariances);
-    let mut chi2 = plan.prior_cost(&state);
-    for (term, weight) in terms.iter().zip(&weights) {
-        chi2 += weight * term.row(&state).residual.powi(2);
-    }
+    let found = Average { state, robot_covariance, target_covariances, weights };
+    let joint = describe(terms, layout, found, weakest);
+    Joint { tailed: loss != Loss::Square, converged: converged && joint.converged, ..joint }
+}
+
+/// What is to be said of an estimate where not everything is believed.
+fn describe(terms: &[Term], layout: &Layout, found: Average, weakest: Weakest) -> Joint {
+    let Average { state, robot_covariance, target_covariances, weights } = found;
+    let of_terms = terms.iter().zip(&weights).map(|(term, weight)| weight * term.row(&state).residual.powi(2));
+    let chi2 = of_terms.sum::<f64>() + prior_cost(layout, &state);
     let counted = weights.iter().filter(|w| **w >= SET_ASIDE).count() + layout.priors.len();
-    Joint {
-        state,
-        robot_covariance,
-        target_covariances,
-        chi2,
-        dof: counted.saturating_sub(layout.unknowns),
-        weights,
-        tailed: loss != Loss::Square,
-        weakest,
-        converged: converged && chi2.is_finite(),
-    }
+    let dof = counted.saturating_sub(layout.unknowns);
+    let converged = chi2.is_finite();
+    Joint { state, robot_covariance, target_covariances, chi2, dof, weights, tailed: true, weakest, converged }
+}
+
+fn prior_cost(layout: &Layout, state: &State) -> f64 {
+    layout.priors.iter().map(|&(_, robot, k, sigma)| (state.poses[robot][k] / sigma).powi(2)).sum()
 }
 
 /// Who looks at a target, and all their columns.
@@ -229,13 +238,9 @@ impl<'a> Plan<'a> {
         Self { terms, layout, targets, places }
     }
 
-    fn prior_cost(&self, state: &State) -> f64 {
-        self.layout.priors.iter().map(|&(_, robot, k, sigma)| (state.poses[robot][k] / sigma).powi(2)).sum()
-    }
-
     fn cost(&self, state: &State, loss: Loss) -> f64 {
         let of = |t: &Term| loss.of(t.row(state).residual).0;
-        self.terms.iter().map(of).sum::<f64>() + self.prior_cost(state)
+        self.terms.iter().map(of).sum::<f64>() + prior_cost(self.layout, state)
     }
 
     /// Information, gradient (half the derivative of the cost) and the weight of each measurement.
@@ -251,7 +256,7 @@ impl<'a> Plan<'a> {
             robots: DMatrix::zeros(n, n),
             gradient: DVector::zeros(n),
             targets: self.layout.targets.iter().zip(&self.targets).map(empty).collect(),
-            cost: self.prior_cost(state),
+            cost: prior_cost(self.layout, state),
         };
         for &(column, robot, k, sigma) in &self.layout.priors {
             normal.robots[(column, column)] += sigma.powi(-2);

@@ -4,9 +4,10 @@
 //! axis ± asin(R/B) (report 5.2.1); a bar or the edge of a plate is a point of the other's body (5.2.2, 5.2.3), so it
 //! tells the other's heading; elevations are atan2(z − h, D) (5.1), on the near side of a cylinder (5-10).
 
+use nalgebra::DVector;
 use protocol::angle::wrap;
 
-use super::layout::{ROBOT, State, TARGET};
+use super::layout::{Layout, ROBOT, State, TARGET};
 use crate::calibration::kernel;
 
 /// What is measured. Lengths in metres.
@@ -114,6 +115,25 @@ pub struct Row {
     pub observer: [f64; ROBOT],
     /// To the other's numbers.
     pub other: [f64; TARGET],
+}
+
+impl Row {
+    /// Its derivatives to the unknowns of a layout.
+    pub fn unknowns(&self, term: &Term, layout: &Layout) -> DVector<f64> {
+        let mut all = DVector::zeros(layout.unknowns);
+        let other = match term.other {
+            Other::Robot(r) => &layout.robots[r],
+            Other::Target(t) => &layout.targets[t],
+        };
+        for (columns, derivatives) in [(&layout.robots[term.observer], &self.observer), (other, &self.other)] {
+            for (column, d) in columns.iter().zip(derivatives) {
+                if let Some(c) = *column {
+                    all[c] += d;
+                }
+            }
+        }
+        all
+    }
 }
 
 impl Kind {

@@ -23,3 +23,22 @@ fn the_solver_reaches_the_bound_and_says_how_sure_it_is() {
         }
     }
 }
+
+/// With errors as MRCLAM's, RMSE at most 10 % above the least that any estimator makes, and no covariance that says nothing of who may
+/// be wrong: one that believes its choice makes a NEES of 1.9 of pairs of cylinders and 1.65 of plates.
+#[test]
+fn errors_with_tails_cost_little_more_than_they_must_and_are_owned_up_to() {
+    let all = cases();
+    let chosen = all.iter().filter(|c| c.baseline_m == Some(3.0) && c.parallax_deg == Some(60.0) && c.noise_px == 0.1);
+    let chosen: Vec<Case> = chosen.filter(|c| c.marker != "24 bars").cloned().collect();
+    assert_eq!(chosen.len(), 5);
+    let plan = Plan { draws: 1000, reference: 1, noise: Noise::Tailed, threads: 2 };
+    for outcome in run(&chosen, &plan, &|| {}) {
+        assert_eq!((outcome.failed, outcome.reference), (0, Reference::LeastSquareError), "{}", outcome.name);
+        let ratios = outcome.to_reference.unwrap();
+        for ratio in [ratios.baseline, ratios.positions, ratios.headings, ratios.targets] {
+            assert!((0.95..1.1).contains(&ratio), "{}: {ratios:?}", outcome.name);
+        }
+        assert!(outcome.nees_robots.mean < 1.5, "{}: {:?}", outcome.name, outcome.nees_robots);
+    }
+}
