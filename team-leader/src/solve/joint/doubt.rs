@@ -14,6 +14,8 @@
 //! iterating: a fit of its own would go as far as it likes along what only S determined. A set of one more follows from the set by
 //! an update of rank one.
 
+use std::collections::BTreeSet;
+
 use nalgebra::{DMatrix, DVector};
 
 use super::super::layout::{Layout, State};
@@ -22,7 +24,7 @@ use super::super::terms::Term;
 use super::Block;
 
 /// With more measurements than this it is clear who is wrong.
-const MOST_TERMS: usize = 24;
+const MOST_TERMS: usize = 40;
 /// Most measurements that are wrong at once.
 const MOST_WRONG: usize = 4;
 /// Sets that are less likely than the likeliest by this (logarithm) are left out.
@@ -139,12 +141,18 @@ impl<'a> Linear<'a> {
         let nobody = self.nobody_is_wrong()?;
         let mut most = nobody.log;
         let (mut all, mut last) = (vec![nobody], 0);
+        let mut seen = BTreeSet::new();
         for _ in 0..MOST_WRONG {
             let mut found: Vec<Answer> = Vec::new();
             for answer in all[last..].iter().take(MOST_SETS) {
                 for k in (0..self.rows.len()).filter(|k| !answer.wrong.contains(k)) {
-                    let Some(more) = self.with(answer, k, most - LEAST_LOG) else { continue };
-                    if found.iter().all(|f| f.wrong != more.wrong) {
+                    let mut wrong = answer.wrong.clone();
+                    wrong.push(k);
+                    wrong.sort_unstable();
+                    if !seen.insert(wrong.clone()) {
+                        continue;
+                    }
+                    if let Some(more) = self.with(answer, k, wrong, most - LEAST_LOG) {
                         most = most.max(more.log);
                         found.push(more);
                     }
@@ -167,8 +175,8 @@ impl<'a> Linear<'a> {
         log.is_finite().then(|| Answer { wrong: Vec::new(), step, covariance: factor.inverse(), log })
     }
 
-    /// What follows if another one is wrong, too; `None` where that is less likely than `least`.
-    fn with(&self, answer: &Answer, another: usize, least: f64) -> Option<Answer> {
+    /// What follows if another one is wrong, too, `wrong` in all; `None` where that is less likely than `least`.
+    fn with(&self, answer: &Answer, another: usize, wrong: Vec<usize>, least: f64) -> Option<Answer> {
         let row = &self.rows[another];
         let moves = &answer.covariance * row;
         let less = 1.0 - self.if_wrong[another];
@@ -180,9 +188,6 @@ impl<'a> Linear<'a> {
         if left.is_nan() || left <= 0.0 || log.is_nan() || log <= least {
             return None;
         }
-        let mut wrong = answer.wrong.clone();
-        wrong.push(another);
-        wrong.sort_unstable();
         let mut covariance = answer.covariance.clone();
         covariance.ger(less / left, &moves, &moves, 1.0);
         Some(Answer { wrong, step: &answer.step + less * residual / left * moves, covariance, log })
