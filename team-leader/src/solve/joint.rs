@@ -32,7 +32,7 @@ const COST_TOLERANCE: f64 = 1e-15;
 const STEP_TOLERANCE: f64 = 1e-10;
 /// Chance of a Gaussian fit to be taken for one with tails.
 const TAIL_P: f64 = 0.01;
-/// Part of the measurements that may be set aside.
+/// Part of the measurements that may be set aside; one always may.
 const MOST_ASIDE: f64 = 0.2;
 /// Below this weight a measurement is set aside.
 pub const SET_ASIDE: f64 = 0.5;
@@ -103,13 +103,16 @@ pub fn solve(terms: &[Term], layout: &Layout, start: State) -> Joint {
         let joint = conclude(terms, layout, there, Loss::Tailed, ended);
         let loss: f64 = residuals(terms, &joint.state).iter().map(|r| Loss::Tailed.of(*r).0).sum();
         let aside = joint.weights.iter().filter(|w| **w < SET_ASIDE).count();
-        let sound = joint.weakest.undetermined.is_empty() && aside as f64 <= MOST_ASIDE * terms.len() as f64;
+        let sound = joint.weakest.undetermined.is_empty() && aside as f64 <= (MOST_ASIDE * terms.len() as f64).max(1.0);
         if sound && best.as_ref().is_none_or(|(least, _)| loss < *least) {
             best = Some((loss, joint));
         }
     }
     // Where too much would have to be set aside, nobody can say which part is wrong.
-    let Some((_, best)) = best else { return conclude(terms, layout, near, Loss::Huber, near_ended) };
+    let best = best.map_or_else(|| conclude(terms, layout, near, Loss::Huber, near_ended), |(_, joint)| joint);
+    if !best.weakest.undetermined.is_empty() {
+        return best;
+    }
     match Average::about(terms, layout, &best.state) {
         Some(average) => describe(terms, layout, average, best.weakest),
         None => best,

@@ -16,7 +16,7 @@ pub(super) const BROAD: f64 = 0.04;
 /// 0.19 beyond 8 and 0.07 anywhere; these two make 1.7, 1.3, 0.9 and 0.4.
 pub(super) const WIDTH: f64 = 5.0;
 /// Density of gross errors.
-const GROSS: f64 = 1e-7;
+pub(super) const GROSS: f64 = 1e-7;
 /// Where Huber's loss leaves the square.
 const HUBER: f64 = 3.0;
 

@@ -4,7 +4,8 @@
 //! of six is wrong, and each of them would explain it. The likeliest answer sets one aside and believes the others: its place is as
 //! often wrong as the choice, and its covariance says nothing of that. The estimate of least square error is the mean over the
 //! choices by their probability (Pitman's), and its covariance has their spread. Of each set S of measurements that may be from the
-//! broad part of the density of [`super::super::robust`], `s` times as uncertain:
+//! broad part of the density of [`super::super::robust`], `s` times as uncertain (or from the part of gross errors, with an ε and an s
+//! of its own):
 //!
 //! ```text
 //!   p(S) ∝ (ε/(1−ε))^|S| · s^−|S| · exp(−χ²_S/2) · |Λ_S|^−½          x̄ = Σ p x_S      P = Σ p (Λ_S⁻¹ + (x_S − x̄)(x_S − x̄)ᵀ)
@@ -19,7 +20,7 @@ use std::collections::BTreeSet;
 use nalgebra::{DMatrix, DVector};
 
 use super::super::layout::{Layout, State};
-use super::super::robust::{BROAD, Loss, WIDTH};
+use super::super::robust::{BROAD, GROSS, WIDTH};
 use super::super::terms::Term;
 use super::Block;
 
@@ -34,8 +35,10 @@ const MOST_SETS: usize = 24;
 /// Steps of the mean at most, and the standardised one at which it has ended.
 const MAX_ITERATIONS: usize = 20;
 const STEP_TOLERANCE: f64 = 1e-3;
-/// Least weight of what is wrong.
-const LEAST_WEIGHT: f64 = 1e-6;
+/// What is wrong is of the broad part of the density, or grossly so: share and width, in sigmas, of the Gaussians that stand for them.
+const PARTS: [(f64, f64); 2] = [(BROAD, WIDTH), (GROSS * ROOT_TAU * GROSS_WIDTH, GROSS_WIDTH)];
+const GROSS_WIDTH: f64 = 50.0;
+const ROOT_TAU: f64 = 2.506_628_274_631;
 
 /// An estimate and how far it is to be believed.
 pub(super) struct Average {
@@ -48,15 +51,24 @@ pub(super) struct Average {
     pub(super) weights: Vec<f64>,
 }
 
+/// A measurement, and of which of [`PARTS`] it is.
+type Wrong = (usize, usize);
+
 /// A set of measurements that may be wrong, and what follows if they are.
 struct Answer {
     /// In ascending order.
-    wrong: Vec<usize>,
+    wrong: Vec<Wrong>,
     /// From where it was linear to its minimum.
     step: DVector<f64>,
     covariance: DMatrix<f64>,
     /// ln p(S) but for a constant.
     log: f64,
+}
+
+impl Answer {
+    fn weight(&self, measurement: usize) -> f64 {
+        self.wrong.iter().find(|w| w.0 == measurement).map_or(1.0, |w| PARTS[w.1].1.powi(-2))
+    }
 }
 
 impl Average {
@@ -66,12 +78,9 @@ impl Average {
         if terms.len() > MOST_TERMS {
             return None;
         }
-        // What is grossly wrong, if it is wrong, counts for as little as in the likeliest answer.
-        let weight = |t: &Term| Loss::Tailed.of(t.row(likeliest).residual).1;
-        let if_wrong: Vec<f64> = terms.iter().map(|t| weight(t).clamp(LEAST_WEIGHT, WIDTH.powi(-2))).collect();
         let mut state = likeliest.clone();
         for _ in 0..MAX_ITERATIONS {
-            let answers = Linear::about(terms, &if_wrong, layout, &state).answers()?;
+            let answers = Linear::about(terms, layout, &state).answers()?;
             let mean = answers.iter().fold(DVector::zeros(layout.unknowns), |sum, (p, a)| sum + *p * &a.step);
             let mut covariance = DMatrix::zeros(layout.unknowns, layout.unknowns);
             for (p, answer) in &answers {
@@ -82,10 +91,7 @@ impl Average {
             if mean.dot(&covariance.clone().cholesky()?.solve(&mean)) > STEP_TOLERANCE * STEP_TOLERANCE {
                 continue;
             }
-            let weight = |k: usize| {
-                let of = |a: &Answer| if a.wrong.contains(&k) { if_wrong[k] } else { 1.0 };
-                answers.iter().map(|(p, a)| p * of(a)).sum()
-            };
+            let weight = |k: usize| answers.iter().map(|(p, a)| p * a.weight(k)).sum();
             let block = |columns: &[Option<usize>; 5]| {
                 Block::from_fn(|r, c| columns[r].zip(columns[c]).map_or(0.0, |at| covariance[at]))
             };
@@ -102,19 +108,17 @@ impl Average {
 }
 
 /// The measurements and priors, linear about a state.
-struct Linear<'a> {
+struct Linear {
     /// Of each measurement.
     rows: Vec<DVector<f64>>,
     residuals: Vec<f64>,
-    /// Its weight if it is wrong.
-    if_wrong: &'a [f64],
     information: DMatrix<f64>,
     gradient: DVector<f64>,
     chi2: f64,
 }
 
-impl<'a> Linear<'a> {
-    fn about(terms: &[Term], if_wrong: &'a [f64], layout: &Layout, state: &State) -> Self {
+impl Linear {
+    fn about(terms: &[Term], layout: &Layout, state: &State) -> Self {
         let n = layout.unknowns;
         let (mut rows, mut residuals) = (Vec::with_capacity(terms.len()), Vec::with_capacity(terms.len()));
         let (mut information, mut gradient, mut chi2) = (DMatrix::zeros(n, n), DVector::zeros(n), 0.0);
@@ -133,7 +137,7 @@ impl<'a> Linear<'a> {
             gradient[column] += residual / sigma;
             chi2 += residual * residual;
         }
-        Self { rows, residuals, if_wrong, information, gradient, chi2 }
+        Self { rows, residuals, information, gradient, chi2 }
     }
 
     /// The likely answers with their probabilities.
@@ -145,14 +149,15 @@ impl<'a> Linear<'a> {
         for _ in 0..MOST_WRONG {
             let mut found: Vec<Answer> = Vec::new();
             for answer in all[last..].iter().take(MOST_SETS) {
-                for k in (0..self.rows.len()).filter(|k| !answer.wrong.contains(k)) {
+                let others = (0..self.rows.len()).filter(|k| answer.wrong.iter().all(|w| w.0 != *k));
+                for another in others.flat_map(|k| (0..PARTS.len()).map(move |part| (k, part))) {
                     let mut wrong = answer.wrong.clone();
-                    wrong.push(k);
+                    wrong.push(another);
                     wrong.sort_unstable();
                     if !seen.insert(wrong.clone()) {
                         continue;
                     }
-                    if let Some(more) = self.with(answer, k, wrong, most - LEAST_LOG) {
+                    if let Some(more) = self.with(answer, another, wrong, most - LEAST_LOG) {
                         most = most.max(more.log);
                         found.push(more);
                     }
@@ -176,14 +181,15 @@ impl<'a> Linear<'a> {
     }
 
     /// What follows if another one is wrong, too, `wrong` in all; `None` where that is less likely than `least`.
-    fn with(&self, answer: &Answer, another: usize, wrong: Vec<usize>, least: f64) -> Option<Answer> {
+    fn with(&self, answer: &Answer, another: Wrong, wrong: Vec<Wrong>, least: f64) -> Option<Answer> {
+        let (another, (share, width)) = (another.0, PARTS[another.1]);
         let row = &self.rows[another];
         let moves = &answer.covariance * row;
-        let less = 1.0 - self.if_wrong[another];
+        let less = 1.0 - width.powi(-2);
         let residual = self.residuals[another] + row.dot(&answer.step);
         // What is left of its weight's share in the information.
         let left = 1.0 - less * row.dot(&moves);
-        let odds = (BROAD / (1.0 - BROAD)).ln() + 0.5 * self.if_wrong[another].ln();
+        let odds = (share / (1.0 - BROAD) / width).ln();
         let log = answer.log + odds + 0.5 * (less * residual * residual / left - left.ln());
         if left.is_nan() || left <= 0.0 || log.is_nan() || log <= least {
             return None;

@@ -1,5 +1,6 @@
 //! What is wrong in the world or in the file: the status says so, and nothing wrong is said with confidence.
 
+use nalgebra::{Matrix3, Vector3};
 use serde_json::{Value, json};
 
 use super::{Solution, SolveStatus, solved, world};
@@ -113,4 +114,35 @@ fn one_way_sightings_alone_do_not_give_a_heading() {
     let solution = solved(&problem);
     assert_ne!(solution.status, SolveStatus::Converged, "{solution:?}");
     assert!(solution.robots.iter().all(|r| r.id == "r1" || r.covariance.is_none()), "{:?}", solution.robots);
+}
+
+/// Two robots that see each other's outlines have one number more than they need: if one of the four is wrong, each may be. Whichever
+/// it is, the truth is within what is stated (95 %); an answer that guesses who it is stands hundreds of sigmas² off.
+#[test]
+fn an_outline_of_two_robots_that_is_wrong_leaves_the_truth_within_the_covariance() {
+    let (truth, sigma_deg) = ([3.0_f64, 0.4, 150.0_f64], 0.02);
+    let range = truth[0].hypot(truth[1]);
+    let (there, half) = (truth[1].atan2(truth[0]).to_degrees(), f64::asin(0.2 / range).to_degrees());
+    for (wrong, off_sigmas) in (0..4).flat_map(|k| [-40.0, -8.0, 8.0, 40.0].map(|off| (k, off))) {
+        let outline = |robot: usize, side: usize, centre: f64| {
+            let off = if wrong == 2 * robot + side { off_sigmas * sigma_deg } else { 0.0 };
+            centre + if side == 0 { -half } else { half } + off
+        };
+        let sighting = |robot: usize, names: [&str; 2], centre: f64| {
+            let edges = [outline(robot, 0, centre), outline(robot, 1, centre)];
+            json!({"observer": names[0], "peer": names[1], "features_deg": edges, "feature_sigma_deg": sigma_deg})
+        };
+        let robot = |id: &str| json!({"id": id, "marker": {"kind": "cylinder", "radius_m": 0.2}});
+        let problem = json!({
+            "robots": [robot("r1"), robot("r2")],
+            "sightings": [sighting(0, ["r1", "r2"], there), sighting(1, ["r2", "r1"], there + 180.0 - truth[2])],
+        });
+        let solution = solved(&problem);
+        let r2 = solution.robots.iter().find(|r| r.id == "r2").unwrap();
+        let covariance = Matrix3::from_fn(|r, c| r2.covariance.unwrap()[r][c]);
+        let turn = protocol::angle::wrap((r2.heading_deg - truth[2]).to_radians());
+        let off = Vector3::new(r2.x_m - truth[0], r2.y_m - truth[1], turn);
+        let nees = off.dot(&covariance.cholesky().unwrap().solve(&off));
+        assert!(nees < 7.8, "{wrong} off by {off_sigmas} sigmas: {nees:.1}, {off:?}");
+    }
 }
