@@ -13,6 +13,8 @@ mod avx512;
 mod learn;
 mod mark;
 mod median;
+#[cfg(target_arch = "x86_64")]
+mod middle;
 mod planes;
 mod products;
 mod runs;

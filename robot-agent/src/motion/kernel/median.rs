@@ -1,17 +1,31 @@
 //! Exact medians of stacks of pictures.
 
 use super::wide;
+#[cfg(target_arch = "x86_64")]
+use super::{Level, available, middle};
 
 /// Pixels sorted together: several registers, so that one works while another waits.
 const BLOCK: usize = 128;
 
 /// Exact medians of columns of a stack (`MATHS.md` §7.2): `frames[f][i]` over f; even counts give (lower + upper + 1) >> 1.
 /// Batcher's sorting network without the comparators on which the middle does not depend, on blocks of pixels: minima and
-/// maxima of whole vectors, no branch on data.
+/// maxima of whole vectors, no branch on data. Up to 32 frames stay in registers where AVX2 or AVX-512 is there.
 pub fn median(frames: &[&[u8]], out: &mut [u8]) {
     let n = frames.len();
     if n == 0 {
         return;
+    }
+    #[cfg(target_arch = "x86_64")]
+    if n <= middle::VALUES {
+        // SAFETY: the processor has these instructions.
+        let done = match available() {
+            Level::Avx512 => unsafe { middle::of_stack_avx512(frames, out) },
+            Level::Avx2 => unsafe { middle::of_stack_avx2(frames, out) },
+            Level::Portable => false,
+        };
+        if done {
+            return;
+        }
     }
     let network = selection_network(n);
     let mut block = vec![[0u8; BLOCK]; n];
@@ -53,7 +67,9 @@ fn selection_network(n: usize) -> Vec<(u16, u16)> {
     needed[(n - 1) / 2] = true;
     needed[n / 2] = true;
     let mut network: Vec<(u16, u16)> = Vec::new();
-    for &(low, high) in sorting_network(n).iter().rev() {
+    let mut sorting = Batcher::new(n);
+    let sorting: Vec<(u16, u16)> = std::iter::from_fn(|| sorting.next()).collect();
+    for &(low, high) in sorting.iter().rev() {
         if needed[usize::from(low)] || needed[usize::from(high)] {
             needed[usize::from(low)] = true;
             needed[usize::from(high)] = true;
@@ -64,26 +80,43 @@ fn selection_network(n: usize) -> Vec<(u16, u16)> {
     network
 }
 
-/// Batcher's odd–even merge sort for any number of values (Knuth, TAOCP 3, algorithm 5.2.2M).
-fn sorting_network(n: usize) -> Vec<(u16, u16)> {
-    let mut network = Vec::new();
-    if n < 2 {
-        return network;
+/// The comparators of Batcher's odd–even merge sort for any number of values (Knuth, TAOCP 3, algorithm 5.2.2M), one after the other;
+/// the names are Knuth's.
+pub(super) struct Batcher {
+    n: usize,
+    p: usize,
+    q: usize,
+    r: usize,
+    d: usize,
+    i: usize,
+}
+
+impl Batcher {
+    pub(super) const fn new(n: usize) -> Self {
+        let p = if n < 2 { 0 } else { n.next_power_of_two() / 2 };
+        Self { n, p, q: p, r: 0, d: p, i: 0 }
     }
-    let top = n.next_power_of_two() / 2;
-    let mut p = top;
-    while p > 0 {
-        let (mut q, mut r, mut d) = (top, 0, p);
-        loop {
-            network.extend((0..n - d).filter(|i| i & p == r).map(|i| (i as u16, (i + d) as u16)));
-            if q == p {
-                break;
+
+    /// The next comparator, of which the first index gets the smaller value.
+    pub(super) const fn next(&mut self) -> Option<(u16, u16)> {
+        while self.p > 0 {
+            while self.i < self.n - self.d {
+                let i = self.i;
+                self.i += 1;
+                if i & self.p == self.r {
+                    return Some((i as u16, (i + self.d) as u16));
+                }
             }
-            d = q - p;
-            q /= 2;
-            r = p;
+            self.i = 0;
+            if self.q == self.p {
+                self.p /= 2;
+                (self.q, self.r, self.d) = (self.n.next_power_of_two() / 2, 0, self.p);
+            } else {
+                self.d = self.q - self.p;
+                self.q /= 2;
+                self.r = self.p;
+            }
         }
-        p /= 2;
+        None
     }
-    network
 }

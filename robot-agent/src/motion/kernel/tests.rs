@@ -8,13 +8,18 @@ fn the_network_median_equals_the_sorted_median_for_every_count() {
     let mut rng = ChaCha8Rng::seed_from_u64(1);
     for n in 1..40usize {
         let frames: Vec<Vec<u8>> = (0..n).map(|_| bytes(&mut rng, 150, 256)).collect();
-        let mut out = vec![0; 150];
-        median(&frames.iter().map(Vec::as_slice).collect::<Vec<_>>(), &mut out);
-        for i in 0..150 {
-            let mut column: Vec<u16> = frames.iter().map(|f| u16::from(f[i])).collect();
-            column.sort_unstable();
-            let want = if n % 2 == 1 { column[n / 2] } else { (column[n / 2 - 1] + column[n / 2] + 1) >> 1 };
-            assert_eq!(u16::from(out[i]), want, "{n} frames");
+        let frames: Vec<&[u8]> = frames.iter().map(Vec::as_slice).collect();
+        for level in [Level::Portable, Level::Avx2, Level::Avx512] {
+            for len in [150, 64, 40, 20] {
+                let mut out = vec![0; len];
+                at_most(level, || median(&frames, &mut out));
+                for i in 0..len {
+                    let mut column: Vec<u16> = frames.iter().map(|f| u16::from(f[i])).collect();
+                    column.sort_unstable();
+                    let want = if n % 2 == 1 { column[n / 2] } else { (column[n / 2 - 1] + column[n / 2] + 1) >> 1 };
+                    assert_eq!(u16::from(out[i]), want, "{n} frames, {level:?}, pixel {i} of {len}");
+                }
+            }
         }
     }
 }
