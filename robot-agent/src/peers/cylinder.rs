@@ -75,7 +75,7 @@ const LEAST_UPPER_END: f64 = 0.75;
 const SAME_NEAR: f64 = 0.08;
 /// An outline that is further than so many sigmas from where the rings put it may be somebody else's, and beyond the second so many
 /// is as uncertain as it is far.
-const OFF: [f64; 2] = [1.5, 3.0];
+const OFF: [f64; 2] = [2.5, 4.0];
 /// An edge that is as near to a body before it is that one's, radians.
 const BESIDE_RAD: f64 = 0.01;
 /// A lone outline has nothing to contradict it: it may be half somebody else's. Pixels, beside noise and floor.

@@ -117,7 +117,7 @@ fn one_way_sightings_alone_do_not_give_a_heading() {
 }
 
 /// Two robots that see each other's outlines have one number more than they need: if one of the four is wrong, each may be. Whichever
-/// it is, the truth is within what is stated (95 %); an answer that guesses who it is stands hundreds of sigmas² off.
+/// it is, the truth is within what is stated (95 %); one that settles on a culprit made a NEES of 160 to 1,758.
 #[test]
 fn an_outline_of_two_robots_that_is_wrong_leaves_the_truth_within_the_covariance() {
     let (truth, sigma_deg) = ([3.0_f64, 0.4, 150.0_f64], 0.02);
