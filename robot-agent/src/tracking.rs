@@ -567,7 +567,7 @@ impl Tracker {
             let step = self.view.steps_rad(track.axis, middle)[0];
             let width_rad = if shared { track.shape.w } else { track.arc.width as f64 } * step;
             let trunk_rad = track.trunk_width * step;
-            let figure_m = self.figures.is_some().then(|| track.log_range.exp());
+            let figure_m = self.figures.is_some().then(|| track.average_m.unwrap_or(track.log_range.exp()));
             let feet = figure_m.is_none() || (!track.feet_hidden && track.support > LEAST_SUPPORT_OF_FEET);
             let person = !matches!(track.class(), ObjectClass::Robot | ObjectClass::Other);
             let known = Known { width_rad: trunk_rad.min(width_rad), shared, person, figure_m, feet, head: track.head };

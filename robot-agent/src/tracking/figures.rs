@@ -35,6 +35,9 @@ const FULL_EVIDENCE: f64 = 25.0;
 const MOST_REACH: i64 = 12;
 /// Levels each side that are tried for a known body.
 const LEVEL_REACH: f64 = 4.5;
+/// Levels and cells each side of a figure at which an average person is tried.
+const AVERAGE_LEVELS: usize = 6;
+const AVERAGE_CELLS: i64 = 2;
 /// A distance is never looked for more narrowly than this, for errors of the fit last.
 const LEAST_LOG_RANGE_SIGMA: f64 = 0.2;
 /// The same of a distance that others have measured.
@@ -293,6 +296,22 @@ impl Figures {
             let i = row * stride + self.pad + at;
             (self.weight[i] > 0.5).then(|| self.marked[i])
         });
+    }
+
+    /// How far away an average person is who is seen like a figure that is apart, by this frame alone. The figure's own distance lags
+    /// behind who comes or goes: it is looked for near the last ones, and what was learnt there fits best there.
+    pub(super) fn average_range_m(&self, figure: &Figure) -> f64 {
+        let Place { cell, level, .. } = figure.place;
+        let rest = self.rest(std::iter::empty());
+        let gain = |l: usize| {
+            let silhouette = self.silhouettes.average(l);
+            (-AVERAGE_CELLS..=AVERAGE_CELLS)
+                .map(|step| self.gain(cell + step, silhouette, &rest))
+                .fold(f32::MIN, f32::max)
+        };
+        let levels = level.saturating_sub(AVERAGE_LEVELS)..=(level + AVERAGE_LEVELS).min(LEVELS - 1);
+        let best = levels.map(|l| (gain(l), l)).max_by(|a, b| a.0.total_cmp(&b.0));
+        best.map_or(figure.range_m, |(_, l)| self.silhouettes.average(l).range_m)
     }
 
     /// The marked pixels that show each figure; `None` where there are none.

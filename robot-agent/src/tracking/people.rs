@@ -106,9 +106,11 @@ impl Tracker {
             match look.filter(|look| seen && is_he(look)) {
                 Some(look) => {
                     self.areas.push((track.id, look.area));
-                    if figure.apart >= ALONE {
+                    let is_apart = figure.apart >= ALONE;
+                    if is_apart {
                         figures.learn(figure, &mut track.figure_shape);
                     }
+                    track.average_m = is_apart.then(|| figures.average_range_m(figure));
                     track.see_figure(&look.sighting, capture, &self.raster);
                     now[t] = Some(look.sighting.appearance);
                     let shows = figure.own >= COMPARED_OWN;

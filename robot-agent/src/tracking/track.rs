@@ -105,6 +105,8 @@ pub(super) struct Track {
     /// Logarithm of the distance in metres that its figure has, and its sigma.
     pub(super) log_range: f64,
     pub(super) log_range_sigma: f64,
+    /// How far away an average person would be who is seen like it; unknown in the company of others.
+    pub(super) average_m: Option<f64>,
     pub(super) figure_shape: FigureShape,
     /// What its figures explained of late that no senior did, 0 … about 1.
     pub(super) evidence: f64,
@@ -231,6 +233,7 @@ impl Track {
             as_afoot: false,
             log_range: s.range_m.ln(),
             log_range_sigma: 0.3,
+            average_m: None,
             figure_shape: FigureShape::default(),
             evidence: 0.5,
         }

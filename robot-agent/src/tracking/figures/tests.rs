@@ -263,6 +263,36 @@ fn at_truth<'a>(room: &Room, p: &Person, shape: &'a Shape) -> Sought<'a> {
     }
 }
 
+/// Below about 3 m head and feet leave the picture, and the figure is taken for a nearer one for a while after they are back.
+#[test]
+fn the_feet_of_who_goes_away_and_comes_back_give_his_distance() {
+    let mut room = Room::new([-15.0, 20.0]);
+    let mut tracker = Tracker::new(room.raster, room.view.clone(), TrackerSettings::default());
+    let (mut in_view, mut given) = (0, 0);
+    for frame in 0..110 {
+        let t = f64::from(frame) * 0.1;
+        // From the left to 0° in 2 s, away at 1 m/s, back from 6.5 s on.
+        let gone_m = (t - 2.0).clamp(0.0, 4.5) - (t - 6.5).max(0.0);
+        let stride_m = 0.12 + 0.1 * (t * 5.0).sin();
+        let p = Person { stride_m, ..person((20.0 - 10.0 * t).max(0.0), 1.1 + gone_m) };
+        room.look(&[p]);
+        let regions = crate::motion::group(&room.mask, &room.raster, [1, 1], 1);
+        let objects: Vec<_> =
+            regions.into_iter().map(|region| Object { moves: true, region, outline: Outline::Unclear }).collect();
+        let scene = Scene { picture: &room.picture, objects: &objects, ..room.scene() };
+        tracker.step(&scene, Timestamp::from_secs_f64(100.0 + t), &[]);
+        if t > 2.0 && p.range_m > 2.5 {
+            in_view += 1;
+            for range in tracker.tracks().iter().filter_map(|track| track.extent.range) {
+                given += 1;
+                let off = range.range_m - p.range_m;
+                assert!(off.abs() < 2.5 * range.sigma_m, "{t:.1} s, {:.2} m: {range:?}", p.range_m);
+            }
+        }
+    }
+    assert!(4 * given >= 3 * in_view, "{given} of {in_view}");
+}
+
 #[test]
 fn who_stands_and_is_covered_for_a_while_is_the_same_afterwards() {
     let mut room = Room::new([-15.0, 20.0]);
