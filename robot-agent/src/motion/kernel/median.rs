@@ -63,21 +63,29 @@ fn run(frames: &[&[u8]], network: &[(u16, u16)], block: &mut [[u8; BLOCK]], out:
 
 /// The comparators (of which the first index gets the smaller value) that bring the middle of n values to its place.
 fn selection_network(n: usize) -> Vec<(u16, u16)> {
-    let mut needed = vec![false; n];
-    needed[(n - 1) / 2] = true;
-    needed[n / 2] = true;
-    let mut network: Vec<(u16, u16)> = Vec::new();
     let mut sorting = Batcher::new(n);
-    let sorting: Vec<(u16, u16)> = std::iter::from_fn(|| sorting.next()).collect();
-    for &(low, high) in sorting.iter().rev() {
-        if needed[usize::from(low)] || needed[usize::from(high)] {
-            needed[usize::from(low)] = true;
-            needed[usize::from(high)] = true;
-            network.push((low, high));
+    let mut network: Vec<(u16, u16)> = std::iter::from_fn(|| sorting.next()).collect();
+    let first = keep_needed(&mut network, &mut vec![false; n]);
+    network.drain(..first);
+    network
+}
+
+/// Moves the comparators on which the middle depends to the end of a sorting network, and says where they begin. `needed`: `false` for
+/// each value.
+pub(super) const fn keep_needed(network: &mut [(u16, u16)], needed: &mut [bool]) -> usize {
+    needed[(needed.len() - 1) / 2] = true;
+    needed[needed.len() / 2] = true;
+    let (mut first, mut k) = (network.len(), network.len());
+    while k > 0 {
+        k -= 1;
+        let (low, high) = (network[k].0 as usize, network[k].1 as usize);
+        if needed[low] || needed[high] {
+            (needed[low], needed[high]) = (true, true);
+            first -= 1;
+            network[first] = network[k];
         }
     }
-    network.reverse();
-    network
+    first
 }
 
 /// The comparators of Batcher's odd–even merge sort for any number of values (Knuth, TAOCP 3, algorithm 5.2.2M), one after the other;

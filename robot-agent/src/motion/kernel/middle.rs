@@ -3,37 +3,27 @@
 
 use std::arch::x86_64::*;
 
-use super::median::Batcher;
+use super::median::{Batcher, keep_needed};
 
 /// Values that are sorted. Fewer are made as many by zeros and 255s, which leave the middle where it is.
 pub(super) const VALUES: usize = 32;
-/// Comparators of Batcher's network for so many on which the middle two depend.
+/// Comparators of Batcher's network for so many, and those on which the middle two depend.
+const SORTING: usize = 191;
 const COMPARATORS: usize = 157;
 const NETWORK: [(u16, u16); COMPARATORS] = network();
 
 /// Those comparators, as for any number in [`super::median`].
 const fn network() -> [(u16, u16); COMPARATORS] {
     let mut batcher = Batcher::new(VALUES);
-    let mut sorting = [(0, 0); 191];
+    let mut sorting = [(0, 0); SORTING];
     let mut len = 0;
     while let Some(comparator) = batcher.next() {
         sorting[len] = comparator;
         len += 1;
     }
-    let mut needed = [false; VALUES];
-    (needed[VALUES / 2 - 1], needed[VALUES / 2]) = (true, true);
+    let first = keep_needed(&mut sorting, &mut [false; VALUES]);
     let mut network = [(0, 0); COMPARATORS];
-    let mut free = COMPARATORS;
-    while len > 0 {
-        len -= 1;
-        let (low, high) = sorting[len];
-        if needed[low as usize] || needed[high as usize] {
-            (needed[low as usize], needed[high as usize]) = (true, true);
-            free -= 1;
-            network[free] = (low, high);
-        }
-    }
-    assert!(free == 0);
+    network.copy_from_slice(sorting.split_at(first).1);
     network
 }
 

@@ -114,6 +114,18 @@ impl Room {
         Scene { raster, picture: mask, mask, magnitude: mask, valid, objects: &[] }
     }
 
+    /// The regions of what was looked at, of which those move that `moves` says do.
+    fn objects(&self, moves: impl Fn(&Region) -> bool) -> Vec<Object> {
+        let regions = crate::motion::group(&self.mask, &self.raster, [1, 1], 1);
+        regions.into_iter().map(|region| Object { moves: moves(&region), region, outline: Outline::Unclear }).collect()
+    }
+
+    /// A frame for a tracker, `t` seconds after the first.
+    fn track(&self, tracker: &mut Tracker, objects: &[Object], t: f64) {
+        let scene = Scene { picture: &self.picture, objects, ..self.scene() };
+        tracker.step(&scene, Timestamp::from_secs_f64(100.0 + t), &[]);
+    }
+
     /// Lateral error of the axis, metres, and the ratio of the distances.
     #[track_caller]
     fn check(&self, figure: &Figure, person: &Person, lateral_m: f64, ratio: f64) {
@@ -276,11 +288,7 @@ fn the_feet_of_who_goes_away_and_comes_back_give_his_distance() {
         let stride_m = 0.12 + 0.1 * (t * 5.0).sin();
         let p = Person { stride_m, ..person((20.0 - 10.0 * t).max(0.0), 1.1 + gone_m) };
         room.look(&[p]);
-        let regions = crate::motion::group(&room.mask, &room.raster, [1, 1], 1);
-        let objects: Vec<_> =
-            regions.into_iter().map(|region| Object { moves: true, region, outline: Outline::Unclear }).collect();
-        let scene = Scene { picture: &room.picture, objects: &objects, ..room.scene() };
-        tracker.step(&scene, Timestamp::from_secs_f64(100.0 + t), &[]);
+        room.track(&mut tracker, &room.objects(|_| true), t);
         if t > 2.0 && p.range_m > 2.5 {
             in_view += 1;
             for range in tracker.tracks().iter().filter_map(|track| track.extent.range) {
@@ -305,19 +313,13 @@ fn who_stands_and_is_covered_for_a_while_is_the_same_afterwards() {
         let first = Person { gray: 40, ..person((25.0 - 10.0 * t).max(0.0), 4.0) };
         let second = Person { gray: 170, ..person(8.0 * (t.min(5.0) + (t - 8.5).max(0.0)) - 40.0, 2.5) };
         room.look(&[first, second]);
-        let regions = crate::motion::group(&room.mask, &room.raster, [1, 1], 1);
         let width = |p: &Person| (0.25 / p.range_m).atan();
         let moving = |region: &Region| {
             let bearing = room.geometry.bearing_of_column(region.arc.centre());
             let walks = !(5.0..8.5).contains(&t);
             t < 2.5 || walks && protocol::angle::difference(bearing, second.bearing).abs() < width(&second)
         };
-        let objects: Vec<_> = regions
-            .into_iter()
-            .map(|region| Object { moves: moving(&region), region, outline: Outline::Unclear })
-            .collect();
-        let scene = Scene { picture: &room.picture, objects: &objects, ..room.scene() };
-        tracker.step(&scene, Timestamp::from_secs_f64(100.0 + t), &[]);
+        room.track(&mut tracker, &room.objects(moving), t);
         let at = |p: &Person| {
             let near = |v: &&TrackView| protocol::angle::difference(v.bearing_rad, p.bearing).abs() < width(p);
             let tracks = tracker.tracks();

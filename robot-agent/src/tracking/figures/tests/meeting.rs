@@ -51,11 +51,7 @@ fn meet(start_deg: f64, behind_s: f64, together_deg_s: f64, back: bool) -> [[Opt
         let front = Person { gray: 170, ..person(middle_deg - aside, 1.8) };
         room.look(&[behind, front]);
         let walks = t < WALK_S || gone_s > 0.0 || together_deg_s != 0.0;
-        let regions = crate::motion::group(&room.mask, &room.raster, [1, 1], 1);
-        let objects: Vec<_> =
-            regions.into_iter().map(|region| Object { moves: walks, region, outline: Outline::Unclear }).collect();
-        let scene = Scene { picture: &room.picture, objects: &objects, ..room.scene() };
-        tracker.step(&scene, Timestamp::from_secs_f64(100.0 + t), &[]);
+        room.track(&mut tracker, &room.objects(|_| walks), t);
         let at = |p: &Person| {
             let near = |v: &&TrackView| difference(v.bearing_rad, p.bearing).abs() < (0.25 / p.range_m).atan();
             let tracks = tracker.tracks();
@@ -116,9 +112,7 @@ fn being_told_of_people_doubles_none_and_makes_none_where_the_picture_shows_nobo
         let mut room = Room::new([-15.0, 20.0]);
         let mut tracker = Tracker::new(room.raster, room.view.clone(), TrackerSettings::default());
         room.look(people);
-        let regions = crate::motion::group(&room.mask, &room.raster, [1, 1], 1);
-        let objects: Vec<_> =
-            regions.into_iter().map(|region| Object { moves: true, region, outline: Outline::Unclear }).collect();
+        let objects = room.objects(|_| true);
         for frame in 0..15 {
             let expected = |person: &Person| Expected {
                 track: None,
@@ -128,8 +122,7 @@ fn being_told_of_people_doubles_none_and_makes_none_where_the_picture_shows_nobo
                 log_range_sigma: 0.15 / person.range_m,
             };
             tracker.expect(told.iter().map(expected).collect());
-            let scene = Scene { picture: &room.picture, objects: &objects, ..room.scene() };
-            tracker.step(&scene, Timestamp::from_secs_f64(100.0 + 0.1 * f64::from(frame)), &[]);
+            room.track(&mut tracker, &objects, 0.1 * f64::from(frame));
         }
         let tracks = tracker.tracks();
         assert_eq!(tracks.len(), people.len(), "{tracks:?}");
@@ -153,11 +146,7 @@ fn who_has_long_walked_alone_is_told_surely_and_who_is_new_or_beside_another_is_
         let other = Person { gray: 170, ..person(-80.0 + 15.0 * t + ahead_deg, 1.9) };
         let people = [walker, other];
         room.look(if t < 6.0 { &people[..1] } else { &people });
-        let regions = crate::motion::group(&room.mask, &room.raster, [1, 1], 1);
-        let objects: Vec<_> =
-            regions.into_iter().map(|region| Object { moves: true, region, outline: Outline::Unclear }).collect();
-        let scene = Scene { picture: &room.picture, objects: &objects, ..room.scene() };
-        tracker.step(&scene, Timestamp::from_secs_f64(100.0 + t), &[]);
+        room.track(&mut tracker, &room.objects(|_| true), t);
         let off = |v: &TrackView| difference(v.bearing_rad, walker.bearing) * walker.range_m;
         if let Some(v) = tracker.tracks().into_iter().min_by_key(|v| v.id) {
             told.push((t, v.bearing_sigma_rad * walker.range_m, off(&v)));
@@ -187,11 +176,8 @@ fn who_stops_as_soon_as_he_is_seen_is_followed_where_he_stands_out_of_the_backgr
             let walks = frame < 5;
             let person = person(20.0 + 0.5 * f64::from(frame.min(5)), 2.5);
             room.look(&[person]);
-            let regions = crate::motion::group(&room.mask, &room.raster, [1, 1], 1);
-            let object = |region| Object { moves: walks, region, outline };
-            let objects: Vec<_> = regions.into_iter().map(object).collect();
-            let scene = Scene { picture: &room.picture, objects: &objects, ..room.scene() };
-            tracker.step(&scene, Timestamp::from_secs_f64(100.0 + 0.1 * f64::from(frame)), &[]);
+            let objects: Vec<_> = room.objects(|_| walks).into_iter().map(|o| Object { outline, ..o }).collect();
+            room.track(&mut tracker, &objects, 0.1 * f64::from(frame));
             followed += usize::from(tracker.tracks().len() == 1);
         }
         followed
@@ -207,9 +193,7 @@ fn frames_followed(sigma_m: Option<f64>) -> usize {
     let mut tracker = Tracker::new(room.raster, room.view.clone(), TrackerSettings::default());
     let stands = person(20.0, 2.5);
     room.look(&[stands]);
-    let regions = crate::motion::group(&room.mask, &room.raster, [1, 1], 1);
-    let objects: Vec<_> =
-        regions.into_iter().map(|region| Object { moves: false, region, outline: Outline::Unclear }).collect();
+    let objects = room.objects(|_| false);
     let mut followed = 0;
     for frame in 0..60 {
         let expected = |sigma_m: f64| Expected {
@@ -220,8 +204,7 @@ fn frames_followed(sigma_m: Option<f64>) -> usize {
             log_range_sigma: sigma_m / stands.range_m,
         };
         tracker.expect(sigma_m.map(expected).into_iter().collect());
-        let scene = Scene { picture: &room.picture, objects: &objects, ..room.scene() };
-        tracker.step(&scene, Timestamp::from_secs_f64(100.0 + 0.1 * f64::from(frame)), &[]);
+        room.track(&mut tracker, &objects, 0.1 * f64::from(frame));
         followed += usize::from(tracker.tracks().len() == 1);
     }
     followed
