@@ -15,10 +15,12 @@
 //! The noise estimate is a running mean of |C − B| outside objects, so thresholds follow the camera, its gain, flickering
 //! lamps and vibrating edges, pixel by pixel.
 
+use std::ops::Range;
+
 use protocol::time::Timestamp;
 
 use super::kernel;
-use super::marks::WORD;
+use super::marks::{Marks, WORD};
 use super::raster::Raster;
 use super::work::Run;
 
@@ -259,34 +261,34 @@ impl Background {
         }
     }
 
-    /// Takes away the marks of a run of row `y` where the picture, of which `picture` is that run, shows what was the background
-    /// before.
+    /// Takes away the marks of a run of some rows (at most 32) where the picture shows what was the background before.
     pub(super) fn forgive_known(
         &self,
         picture: &[u8],
         exposure_q15: u16,
-        y: usize,
+        rows: Range<usize>,
         run: &Run,
-        faint: &mut [u64],
-        strong: &mut [u64],
+        faint: &mut Marks,
+        strong: &mut Marks,
     ) {
         if !self.any_known {
             return;
         }
-        let known = &self.known[run.marks(y, self.stride)];
-        for (w, ((faint, strong), known)) in faint.iter_mut().zip(strong).zip(known).enumerate() {
-            // A few marks among known pixels are noise.
-            let marked = known & *faint;
-            if marked == 0 || marked.count_ones() < FEW_KNOWN {
-                continue;
+        let mut found = rows_with_known(&self.known, faint.words(), self.stride, rows.clone(), &run.words);
+        while found != 0 {
+            let y = rows.start + found.trailing_zeros() as usize;
+            found &= found - 1;
+            for (w, at) in run.words.clone().zip(run.marks(y, self.stride)) {
+                let known = self.known[at];
+                if (known & faint.words()[at]).count_ones() < FEW_KNOWN {
+                    continue;
+                }
+                let pixels = y * self.width + w * WORD..y * self.width + ((w + 1) * WORD).min(run.columns.end);
+                let layers = kernel::Layers { second: &self.second[pixels.clone()], known };
+                let forgiven = kernel::known_look(&picture[pixels.clone()], exposure_q15, &self.noise[pixels], layers);
+                faint.words_mut()[at] &= !forgiven;
+                strong.words_mut()[at] &= !forgiven;
             }
-            let here = w * WORD..((w + 1) * WORD).min(picture.len());
-            let first = y * self.width + run.columns.start;
-            let pixels = first + here.start..first + here.end;
-            let layers = kernel::Layers { second: &self.second[pixels.clone()], known: *known };
-            let forgiven = kernel::known_look(&picture[here], exposure_q15, &self.noise[pixels], layers);
-            *faint &= !forgiven;
-            *strong &= !forgiven;
         }
     }
 
@@ -312,6 +314,19 @@ impl Background {
 
 /// Marks of a word among known pixels that are noise.
 const FEW_KNOWN: u32 = 6;
+
+kernel::wide! {
+/// In which of some rows (bit 0 is the first) a word has more marks among `known` pixels than noise makes.
+fn rows_with_known(known: &[u64], marks: &[u64], stride: usize, rows: Range<usize>, words: &Range<usize>) -> u32 {
+    let mut found = 0;
+    for (k, y) in rows.enumerate() {
+        let at = y * stride + words.start..y * stride + words.end;
+        let many = known[at.clone()].iter().zip(&marks[at]).any(|(known, marks)| (known & marks).count_ones() >= FEW_KNOWN);
+        found |= u32::from(many) << k;
+    }
+    found
+}
+}
 /// What a bootstrap counts for, in pairs of frames as all counts here: something else that stays for a second replaces it.
 const BOOTSTRAP_SEEN: u8 = 3;
 /// What a background counts for that was found by removing a ghost.

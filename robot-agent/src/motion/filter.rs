@@ -25,9 +25,12 @@ pub(crate) struct Majority {
     /// Marks in the window's rows, a column each, in planes of `stride` + 2 words: a word before and one after.
     columns: Vec<u64>,
     zeros: Vec<u64>,
-    /// Rows with marks.
-    any: Vec<bool>,
+    /// Whether rows have marks ([`ANY`]), and some so near the seam that windows reach over it ([`AT_SEAM`]).
+    rows: Vec<u8>,
 }
+
+const ANY: u8 = 1;
+const AT_SEAM: u8 = 2;
 
 impl Majority {
     /// For windows of (2·reach[0] + 1) × (2·reach[1] + 1) pixels, each reach at most 5; `valid` is 0 or 1.
@@ -41,7 +44,7 @@ impl Majority {
             need_of_row: Vec::new(),
             columns: vec![0; COLUMN_PLANES * (stride + 2)],
             zeros: vec![0; stride],
-            any: Vec::with_capacity(raster.height),
+            rows: Vec::with_capacity(raster.height),
         };
         let mut before = Vec::new();
         let mut sums = vec![0u32; raster.width];
@@ -86,7 +89,7 @@ impl Majority {
     pub(crate) fn memory_bytes(&self) -> usize {
         [&self.need, &self.columns, &self.zeros].map(|v| size_of_val(&**v)).iter().sum::<usize>()
             + size_of_val(&*self.need_of_row)
-            + self.any.capacity()
+            + self.rows.capacity()
     }
 
     /// `out` is marked where more than half of the window's valid pixels are.
@@ -95,22 +98,22 @@ impl Majority {
         let [rx, ry] = self.reach;
         let stride = self.stride;
         self.columns.fill(0);
-        self.any.clear();
-        self.any.extend((0..height).map(|y| marks.row(y).iter().fold(0, |any, word| any | word) != 0));
+        look_at_rows(marks.words(), width, rx, &mut self.rows);
         for y in 0..ry.min(height) {
             kernel::slide_counts(marks.row(y), &self.zeros, &mut self.columns);
         }
         for y in 0..height {
-            let (first, end) = (y.saturating_sub(ry + 1), (y + ry + 1).min(height));
+            let window = y.saturating_sub(ry + 1)..(y + ry + 1).min(height);
+            let found = self.rows[window].iter().fold(0, |found, row| found | row);
             // Nothing in the window, and nothing leaves it.
-            if !self.any[first..end].contains(&true) {
+            if found == 0 {
                 out.words_mut()[y * stride..][..stride].fill(0);
                 continue;
             }
             let enter = if y + ry < height { marks.row(y + ry) } else { &self.zeros };
             let leave = if y > ry { marks.row(y - ry - 1) } else { &self.zeros };
             kernel::slide_counts(enter, leave, &mut self.columns);
-            let closed = wraps && reaches_over_seam(&self.columns, width, rx);
+            let closed = wraps && found & AT_SEAM != 0;
             if closed {
                 self.columns.chunks_exact_mut(stride + 2).for_each(|plane| close_ring(plane, width, rx));
             }
@@ -127,13 +130,21 @@ impl Majority {
     }
 }
 
-/// Whether anything is counted in the first or the last `reach` columns, in planes of a word before the columns and one after them.
-fn reaches_over_seam(planes: &[u64], width: usize, reach: usize) -> bool {
+kernel::wide! {
+/// What rows of marks have.
+fn look_at_rows(marks: &[u64], width: usize, reach: usize, rows: &mut Vec<u8>) {
     let words = width.div_ceil(WORD);
-    let any = |w: usize| planes.iter().skip(1 + w).step_by(words + 2).fold(0, |any, word| any | word);
-    let ends = (any(0) & bits_between(0, 0, reach)) | (any(words - 1) & bits_between(words - 1, width - reach, width));
+    let (first, last) = (bits_between(0, 0, reach), bits_between(words - 1, width.saturating_sub(reach), width));
     // The last columns may begin in the word before.
-    ends != 0 || words > 1 && any(words - 2) & bits_between(words - 2, width - reach, width) != 0
+    let before = words.saturating_sub(2);
+    let before_last = if words > 1 { bits_between(before, width.saturating_sub(reach), width) } else { 0 };
+    rows.clear();
+    rows.extend(marks.chunks_exact(words).map(|row| {
+        let any = row.iter().fold(0, |any, word| any | word) != 0;
+        let at_seam = (row[0] & first) | (row[words - 1] & last) | (row[before] & before_last) != 0;
+        u8::from(any) * ANY | u8::from(at_seam) * AT_SEAM
+    }));
+}
 }
 
 /// Copies the last `reach` columns before the first one and the first ones behind the last one. `row` has a word before and one after

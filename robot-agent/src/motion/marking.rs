@@ -28,20 +28,20 @@ impl MotionStage {
                 stride,
             };
             kernel::mark_changes(piece, &mut marked);
-            for y in rows.clone() {
-                let (pixels, words) = (run.pixels(y, width), run.marks(y, stride));
-                let faint = &mut self.faint.words_mut()[words.clone()];
-                let strong = &mut self.strong.words_mut()[words];
-                if self.partly_valid[band] {
+            if self.partly_valid[band] {
+                for y in rows.clone() {
                     let valid = &self.valid_marks.row(y)[run.words.clone()];
-                    for ((f, s), v) in faint.iter_mut().zip(strong.iter_mut()).zip(valid) {
-                        (*f, *s) = (*f & v, *s & v);
+                    for marks in [&mut self.faint, &mut self.strong] {
+                        let words = &mut marks.words_mut()[run.marks(y, stride)];
+                        words.iter_mut().zip(valid).for_each(|(word, valid)| *word &= valid);
                     }
                 }
-                self.background.forgive_known(&self.picture[pixels], exposure_q15, y, &run, faint, strong);
-                if counted {
-                    differing += strong.iter().map(|s| s.count_ones() as usize).sum::<usize>();
-                }
+            }
+            let (faint, strong) = (&mut self.faint, &mut self.strong);
+            self.background.forgive_known(&self.picture, exposure_q15, rows.clone(), &run, faint, strong);
+            if counted {
+                let words = rows.clone().flat_map(|y| &self.strong.words()[run.marks(y, stride)]);
+                differing += words.map(|word| word.count_ones() as usize).sum::<usize>();
             }
         }
         differing

@@ -123,22 +123,18 @@ impl Shadow {
 
     fn is_among_shadows(&self, bx: usize, by: usize) -> bool {
         let [columns, rows] = self.blocks;
+        let (before, after) = match self.raster.wraps {
+            true => {
+                (Some(if bx == 0 { columns - 1 } else { bx - 1 }), Some(if bx + 1 == columns { 0 } else { bx + 1 }))
+            }
+            false => (bx.checked_sub(1), (bx + 1 < columns).then_some(bx + 1)),
+        };
         let (mut shadows, mut bodies) = (0, 0);
-        for y in by.saturating_sub(1)..(by + 2).min(rows) {
-            for dx in 0..3 {
-                let x = if self.raster.wraps { (bx + columns + dx - 1) % columns } else { bx + dx };
-                let x = if self.raster.wraps {
-                    x
-                } else if x == 0 || x > columns {
-                    continue;
-                } else {
-                    x - 1
-                };
-                match self.kind[y * columns + x] {
-                    SHADOW | LIT => shadows += 1,
-                    BODY => bodies += 1,
-                    _ => {}
-                }
+        for row in self.kind[by.saturating_sub(1) * columns..(by + 2).min(rows) * columns].chunks_exact(columns) {
+            for x in [before, Some(bx), after].into_iter().flatten() {
+                let kind = row[x];
+                shadows += u32::from(kind >= SHADOW);
+                bodies += u32::from(kind == BODY);
             }
         }
         shadows > bodies && shadows >= 3

@@ -90,12 +90,29 @@ const ROWS: usize = 54;
 /// A grey level in whole quarters.
 trait Gray: Copy {
     fn quarters(self) -> i16;
+
+    /// The same of sixteen.
+    ///
+    /// # Safety
+    /// The processor has AVX2.
+    #[cfg(target_arch = "x86_64")]
+    unsafe fn quarters_avx2(values: &[Self; LANES]) -> std::arch::x86_64::__m256i;
 }
 
 impl Gray for u8 {
     #[inline(always)]
     fn quarters(self) -> i16 {
         i16::from(self) << 2
+    }
+
+    #[cfg(target_arch = "x86_64")]
+    #[target_feature(enable = "avx2")]
+    #[inline]
+    unsafe fn quarters_avx2(values: &[Self; LANES]) -> std::arch::x86_64::__m256i {
+        use std::arch::x86_64::*;
+        // SAFETY: 16 bytes are read of 16.
+        let wide = unsafe { _mm256_cvtepu8_epi16(_mm_loadu_si128(values.as_ptr().cast())) };
+        _mm256_slli_epi16::<2>(wide)
     }
 }
 
@@ -104,6 +121,15 @@ impl Gray for u16 {
     #[inline(always)]
     fn quarters(self) -> i16 {
         (self >> 6) as i16
+    }
+
+    #[cfg(target_arch = "x86_64")]
+    #[target_feature(enable = "avx2")]
+    #[inline]
+    unsafe fn quarters_avx2(values: &[Self; LANES]) -> std::arch::x86_64::__m256i {
+        use std::arch::x86_64::*;
+        // SAFETY: 32 bytes are read of 32.
+        _mm256_srli_epi16::<6>(unsafe { _mm256_loadu_si256(values.as_ptr().cast()) })
     }
 }
 
@@ -145,12 +171,13 @@ fn sums<T: Gray>(reference: &[T], picture: &[u8], valid: &[u8], raster: &Raster,
         let mut lanes = [[0; LANES / 2]; TERMS];
         for y in (1..height.saturating_sub(1)).step_by(row_step) {
             let i = y * width;
-            let ahead = i + 2 * row_step * width + x0;
-            for near in [ahead - width, ahead, ahead + width] {
-                fetch(reference.get(near..near + LANES).unwrap_or_default());
+            fetch_ahead(reference, picture, valid, width, i + 2 * row_step * width + x0);
+            #[cfg(target_arch = "x86_64")]
+            if plain && level >= Level::Avx2 {
+                // SAFETY: the processor has these instructions.
+                unsafe { add_plain_avx2(reference, picture, valid, width, i + x0, &inside, &mut lanes) };
+                continue;
             }
-            fetch(picture.get(ahead..ahead + LANES).unwrap_or_default());
-            fetch(valid.get(ahead..ahead + LANES).unwrap_or_default());
             let (around, now, mut tested) = if plain {
                 let Some(read) = plain_columns(reference, picture, valid, width, i + x0) else { continue };
                 read
@@ -176,6 +203,16 @@ fn sums<T: Gray>(reference: &[T], picture: &[u8], valid: &[u8], raster: &Raster,
         }
     }
     Sums(std::array::from_fn(|t| total[t] as f64 * UNITS[t]))
+}
+
+/// Fetches what a later row needs from place `at` on.
+#[inline(always)]
+fn fetch_ahead<T>(reference: &[T], picture: &[u8], valid: &[u8], width: usize, at: usize) {
+    for near in [at - width, at, at + width] {
+        fetch(reference.get(near..near + LANES).unwrap_or_default());
+    }
+    fetch(picture.get(at..at + LANES).unwrap_or_default());
+    fetch(valid.get(at..at + LANES).unwrap_or_default());
 }
 
 /// Adds the products of sixteen pixels: `around` is the reference there, left, right, above and below; `tested` is −1 or 0.
@@ -208,12 +245,55 @@ fn add_products_avx2(around: &[Columns; 5], now: &Columns, tested: &Columns, lan
     use std::arch::x86_64::*;
     // SAFETY: 32 bytes are read of 32; the pointers need not be aligned.
     let load = |columns: &Columns| unsafe { _mm256_loadu_si256(columns.as_ptr().cast()) };
-    let [row, left, right, above, below] = [0, 1, 2, 3, 4].map(|i: usize| load(&around[i]));
-    let w = load(tested);
+    let around = [0, 1, 2, 3, 4].map(|i: usize| load(&around[i]));
+    add_terms_avx2(around, load(now), load(tested), lanes);
+}
+
+/// The products of sixteen pixels from place `at` on that are at no row's end, read into registers at once: written to memory in
+/// pieces first, they would have to be waited for.
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx2")]
+#[inline]
+fn add_plain_avx2<T: Gray>(
+    reference: &[T],
+    picture: &[u8],
+    valid: &[u8],
+    width: usize,
+    at: usize,
+    inside: &Columns,
+    lanes: &mut Lanes,
+) {
+    use std::arch::x86_64::*;
+    let places = [Some(at), at.checked_sub(1), Some(at + 1), at.checked_sub(width), Some(at + width)];
+    let around = places.map(|place| reference.get(place?..)?.first_chunk::<LANES>());
+    let [Some(here), Some(left), Some(right), Some(above), Some(below)] = around else { return };
+    let bytes = [picture, valid].map(|values| values.get(at..).and_then(|values| values.first_chunk::<LANES>()));
+    let [Some(now), Some(tested)] = bytes else { return };
+    // SAFETY: 16 bytes are read of 16.
+    let wide = |values: &[u8; LANES]| unsafe { _mm256_cvtepu8_epi16(_mm_loadu_si128(values.as_ptr().cast())) };
+    // SAFETY: 32 bytes are read of 32.
+    let inside = unsafe { _mm256_loadu_si256(inside.as_ptr().cast()) };
+    let tested = _mm256_andnot_si256(_mm256_cmpeq_epi16(wide(tested), _mm256_setzero_si256()), inside);
+    // SAFETY: the processor has these instructions.
+    let around = [here, left, right, above, below].map(|values| unsafe { T::quarters_avx2(values) });
+    add_terms_avx2(around, _mm256_slli_epi16::<2>(wide(now)), tested, lanes);
+}
+
+/// Adds the products of pixels in registers.
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx2")]
+#[inline]
+fn add_terms_avx2(
+    [row, left, right, above, below]: [std::arch::x86_64::__m256i; 5],
+    now: std::arch::x86_64::__m256i,
+    w: std::arch::x86_64::__m256i,
+    lanes: &mut Lanes,
+) {
+    use std::arch::x86_64::*;
     let masked = |v| _mm256_and_si256(v, w);
     let p = masked(_mm256_sub_epi16(row, _mm256_set1_epi16(512)));
     let (x, y) = (masked(_mm256_sub_epi16(right, left)), masked(_mm256_sub_epi16(below, above)));
-    let r = masked(_mm256_sub_epi16(load(now), row));
+    let r = masked(_mm256_sub_epi16(now, row));
     let one = _mm256_set1_epi16(1);
     let pairs = [
         (w, w),
