@@ -177,6 +177,8 @@ pub struct Scene<'a> {
     pub raster: &'a Raster,
     /// The picture.
     pub picture: &'a [u8],
+    /// What is behind, 8.8 fixed point; empty where nobody knows.
+    pub background: &'a [u16],
     /// 1 where something is that does not belong to the background.
     pub mask: &'a [u8],
     /// How much each pixel differs from the background, grey levels.
@@ -521,6 +523,7 @@ impl MotionStage {
         Scene {
             raster: &self.raster,
             picture: &self.picture,
+            background: &self.background.level,
             mask: &self.mask,
             magnitude: &self.magnitude,
             valid: &self.valid,

@@ -23,6 +23,7 @@ mod people;
 mod range;
 #[cfg(test)]
 mod reality;
+mod shade;
 mod told;
 mod track;
 mod view;

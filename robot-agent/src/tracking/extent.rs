@@ -177,6 +177,7 @@ mod tests {
         let scene = Scene {
             raster: &raster,
             picture: &picture,
+            background: &[],
             mask: &picture,
             magnitude: &picture,
             valid: &valid,

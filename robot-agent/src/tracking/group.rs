@@ -209,7 +209,15 @@ mod tests {
         let region: Region = group(&mask, &RASTER, [0, 0], 1).remove(0);
         Strip::of(
             &region,
-            &Scene { raster: &RASTER, picture: &gray, mask: &mask, magnitude: &magnitude, valid: &mask, objects: &[] },
+            &Scene {
+                raster: &RASTER,
+                picture: &gray,
+                background: &[],
+                mask: &mask,
+                magnitude: &magnitude,
+                valid: &mask,
+                objects: &[],
+            },
         )
     }
 

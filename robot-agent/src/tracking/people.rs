@@ -7,6 +7,7 @@ use protocol::time::Timestamp;
 
 use super::body::solid_rows;
 use super::figures::{Figure, Figures, Shape, Sought};
+use super::shade::shade;
 use super::told::Manner;
 use super::track::{Sighting, Track};
 use super::{PeerBearing, Tracker, association, looks};
@@ -22,6 +23,8 @@ const NEW_SUPPORT: f32 = 0.4;
 const NEW_OWN: f32 = 0.5;
 /// What somebody whom only others saw until now must explain that no known figure does.
 const TOLD_EVIDENCE: f32 = 0.4;
+/// What is left of the background's steps in what is no body but a shadow.
+const SHADED: f64 = 0.6;
 /// Own share up to which somebody who is not seen is behind others, and within how far he is where he would be hidden best, metres.
 const COVERED: f32 = 0.5;
 const BEHIND_M: f64 = 0.25;
@@ -63,6 +66,8 @@ struct Look {
     sighting: Sighting,
     area: usize,
     outline: Outline,
+    /// Whether it is what is behind, in the shade.
+    shadow: bool,
 }
 
 impl Tracker {
@@ -96,9 +101,11 @@ impl Tracker {
             let look = looks.next().flatten();
             let track = &mut self.tracks[t];
             let covered = track.behind && track.has_come();
-            let seen = figure.shows() && figure.evidence >= LEAST_EVIDENCE;
+            let shadow = look.as_ref().is_some_and(|look| look.shadow);
+            let seen = figure.shows() && figure.evidence >= LEAST_EVIDENCE && !shadow;
             // Nothing is said against whom others cover; whoever comes out must look like himself.
-            track.weigh(f64::from(if covered { figure.evidence.max(COVERED_EVIDENCE) } else { figure.evidence }), dt_s);
+            let evidence = if shadow { 0.0 } else { figure.evidence };
+            track.weigh(f64::from(if covered { evidence.max(COVERED_EVIDENCE) } else { evidence }), dt_s);
             let is_he = |look: &Look| {
                 let known = track.looks.firm().filter(|_| track.behind);
                 known.is_none_or(|known| known.log_ratio(&look.sighting.appearance) > BEHIND_ALIKE)
@@ -127,7 +134,7 @@ impl Tracker {
         }
         self.suspect(&figures, &all, &now, capture);
         for ((k, figure), look) in all.iter().enumerate().skip(known).zip(looks) {
-            let Some(look) = look.filter(|l| l.outline != Outline::Background) else { continue };
+            let Some(look) = look.filter(|l| l.outline != Outline::Background && !l.shadow) else { continue };
             let others_see = k < told;
             let enough = figure.own >= NEW_OWN
                 && figure.support >= NEW_SUPPORT
@@ -301,7 +308,7 @@ impl Tracker {
                 aside_m: self.raster.column_difference(axis, figure.column) * step * figure.range_m,
             },
         };
-        Look { sighting, area: region.area, outline }
+        Look { sighting, area: region.area, outline, shadow: shade(region, scene).is_some_and(|left| left > SHADED) }
     }
 }
 

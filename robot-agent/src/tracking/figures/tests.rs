@@ -106,12 +106,12 @@ impl Room {
 
     fn look_at_the_mask(&mut self) {
         let (raster, mask, valid, picture) = (&self.raster, &self.mask, &self.valid, &self.picture);
-        self.figures.look(&Scene { raster, picture, mask, magnitude: mask, valid, objects: &[] }, &[]);
+        self.figures.look(&Scene { raster, picture, background: &[], mask, magnitude: mask, valid, objects: &[] }, &[]);
     }
 
     fn scene(&self) -> Scene<'_> {
         let (raster, mask, valid) = (&self.raster, &self.mask, &self.valid);
-        Scene { raster, picture: mask, mask, magnitude: mask, valid, objects: &[] }
+        Scene { raster, picture: mask, background: &[], mask, magnitude: mask, valid, objects: &[] }
     }
 
     /// The regions of what was looked at, of which those move that `moves` says do.
@@ -333,5 +333,38 @@ fn who_stands_and_is_covered_for_a_while_is_the_same_afterwards() {
             assert!(stands.is_some() && stands == at(&first), "{stands:?} {:?}", at(&first));
             assert!(passes.is_some() && passes == at(&second), "{passes:?} {:?}", at(&second));
         }
+    }
+}
+
+/// His shadow falls on what is behind him and goes with him: where that has a pattern it is seen through the shadow.
+#[test]
+fn a_shadow_on_shelves_is_nobody_and_on_a_bare_wall_may_be_somebody() {
+    for (pattern, expected) in [(40.0, 1), (0.0, 2)] {
+        let mut room = Room::new([-15.0, 20.0]);
+        let width = room.raster.width;
+        let behind = |x: usize, y: usize| 120.0 + pattern * (x as f64 / 3.0).sin() * (y as f64 / 4.0).cos();
+        let background: Vec<u16> =
+            (0..room.raster.len()).map(|i| (256.0 * behind(i % width, i / width)) as u16).collect();
+        let mut tracker = Tracker::new(room.raster, room.view.clone(), TrackerSettings::default());
+        for frame in 0..60 {
+            let t = f64::from(frame) * 0.1;
+            let walker = Person { gray: 60, ..person(30.0 - 10.0 * t, 3.0) };
+            let shadow = Person { gray: 1, ..person(44.0 - 10.0 * t, 4.5) };
+            room.look(&[walker, shadow]);
+            for (i, pixel) in room.picture.iter_mut().enumerate() {
+                let (x, y) = (i % width, i / width);
+                match (room.mask[i], *pixel) {
+                    (0, _) => *pixel = behind(x, y) as u8,
+                    // Its edge runs over many columns, so that its darkness is nowhere the same.
+                    (_, 1) => *pixel = (behind(x, y) * (0.75 + 0.15 * (x as f64 / 20.0).sin())) as u8,
+                    _ => *pixel = (60.0 + 25.0 * (x as f64 / 2.0).cos()) as u8,
+                }
+            }
+            let objects = room.objects(|_| true);
+            let scene = Scene { picture: &room.picture, background: &background, objects: &objects, ..room.scene() };
+            tracker.step(&scene, Timestamp::from_secs_f64(100.0 + t), &[]);
+        }
+        let tracks = tracker.tracks();
+        assert_eq!(tracks.len(), expected, "{pattern}: {:?}", tracks.iter().map(|t| t.bearing_rad).collect::<Vec<_>>());
     }
 }

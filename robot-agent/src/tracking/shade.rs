@@ -1,0 +1,102 @@
+//! Whether what differs from the background is only darker than it: a shadow that somebody casts on what is behind him.
+//!
+//! Problem: shadows on walls are smooth, and are taken away where they are marked (`motion/shadow`). On a sofa or on shelves the edge of
+//! a shadow runs over many levels of grey, so that its ratio to the background is another one in each place, and what is left of it
+//! is as large as somebody, stands beside somebody, and moves with him. Insight: light that is kept away changes slowly from place to
+//! place, so the edges of what is behind stay where they were; a body covers them. So the steps from pixel to pixel are compared
+//! where the background has any. Where it has none, nothing can be told.
+
+use crate::motion::{Region, Scene};
+
+/// Least step of the background that is compared, grey levels in 8.8 fixed point: well above the noise of a picture.
+const LEAST_STEP: u16 = 6 << 8;
+/// Fewest steps that tell something.
+const LEAST_STEPS: usize = 24;
+/// A step counts for at most so much of the background's either way.
+const MOST: f64 = 1.25;
+
+/// What is left in the picture of the background's steps inside a region: about 0 where a body covers it, its brightness in the shade where it
+/// is shaded. `None` where the background is too smooth to tell.
+pub(super) fn shade(region: &Region, scene: &Scene<'_>) -> Option<f64> {
+    let (width, n) = (scene.raster.width, scene.picture.len());
+    if scene.background.len() != n {
+        return None;
+    }
+    let (mut sum, mut steps) = (0.0, 0usize);
+    for (row, start, len) in region.spans() {
+        for at in (row * width + start..).take(len) {
+            // To the pixel two on in the row, and two below, if those are in the region, too.
+            for by in [2, 2 * width] {
+                let other = at + by;
+                if other >= n || scene.mask[other] == 0 || (by == 2 && at % width + 2 >= start + len) {
+                    continue;
+                }
+                let (here, there) = (scene.background[at], scene.background[other]);
+                if here.abs_diff(there) < LEAST_STEP {
+                    continue;
+                }
+                let behind = f64::from(there) - f64::from(here);
+                let now = 256.0 * (f64::from(scene.picture[other]) - f64::from(scene.picture[at]));
+                sum += (now / behind).clamp(-MOST, MOST);
+                steps += 1;
+            }
+        }
+    }
+    (steps >= LEAST_STEPS).then(|| sum / steps as f64)
+}
+
+#[cfg(test)]
+mod tests {
+    use rand::{Rng, SeedableRng};
+
+    use super::*;
+    use crate::motion::{Raster, group};
+
+    const RING: Raster = Raster { width: 120, height: 60, wraps: true };
+
+    /// What is left in a region over the seam, of a background with a pattern of some strength; `now` of the background's level, column and row.
+    fn left(pattern: f64, now: impl Fn(f64, usize, usize) -> f64) -> Option<f64> {
+        let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(11);
+        let behind = |x: usize, y: usize| 130.0 + pattern * (x as f64 / 2.5).sin() * (y as f64 / 3.5).cos();
+        let at = |i: usize| (i % RING.width, i / RING.width);
+        let background: Vec<u16> = (0..RING.len()).map(|i| (256.0 * behind(at(i).0, at(i).1)) as u16).collect();
+        let mask: Vec<u8> = (0..RING.len()).map(|i| u8::from((at(i).0 + 10) % 120 < 24 && at(i).1 > 12)).collect();
+        let mut noise = || (0..4).map(|_| f64::from(rng.next_u32() >> 24) / 256.0 - 0.5).sum::<f64>() * 2.6;
+        let picture: Vec<u8> = (0..RING.len())
+            .map(|i| (now(behind(at(i).0, at(i).1), at(i).0, at(i).1) + noise()).clamp(0.0, 255.0) as u8)
+            .collect();
+        let scene = Scene {
+            raster: &RING,
+            picture: &picture,
+            background: &background,
+            mask: &mask,
+            magnitude: &mask,
+            valid: &mask,
+            objects: &[],
+        };
+        shade(&group(&mask, &RING, [1, 1], 1)[0], &scene)
+    }
+
+    #[test]
+    fn the_pattern_behind_is_left_in_a_shadow_however_soft_and_not_in_front_of_a_body() {
+        for strength in [20.0, 50.0] {
+            let soft = |level: f64, _: usize, y: usize| level * (0.95 - 0.006 * y as f64);
+            let deep = |level: f64, _: usize, _: usize| 0.65 * level;
+            for shadow in [&soft as &dyn Fn(f64, usize, usize) -> f64, &deep] {
+                let left = left(strength, shadow).unwrap();
+                assert!((0.6..1.0).contains(&left), "{left:.2} of {strength}");
+            }
+            let plain = |_: f64, _: usize, _: usize| 80.0;
+            let checked = |_: f64, x: usize, y: usize| 80.0 + 30.0 * (x as f64 / 1.7).cos() * (y as f64 / 2.1).sin();
+            for body in [&plain as &dyn Fn(f64, usize, usize) -> f64, &checked] {
+                let left = left(strength, body).unwrap();
+                assert!(left.abs() < 0.3, "{left:.2} of {strength}");
+            }
+        }
+    }
+
+    #[test]
+    fn before_a_smooth_wall_nothing_is_told() {
+        assert_eq!(left(1.0, |level, _, _| 0.7 * level), None);
+    }
+}
