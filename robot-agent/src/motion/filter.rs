@@ -142,7 +142,7 @@ fn look_at_rows(marks: &[u64], width: usize, reach: usize, rows: &mut Vec<u8>) {
     rows.extend(marks.chunks_exact(words).map(|row| {
         let any = row.iter().fold(0, |any, word| any | word) != 0;
         let at_seam = (row[0] & first) | (row[words - 1] & last) | (row[before] & before_last) != 0;
-        u8::from(any) * ANY | u8::from(at_seam) * AT_SEAM
+        (u8::from(any) * ANY) | (u8::from(at_seam) * AT_SEAM)
     }));
 }
 }
