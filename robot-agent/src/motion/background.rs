@@ -280,7 +280,7 @@ impl Background {
             found &= found - 1;
             for (w, at) in run.words.clone().zip(run.marks(y, self.stride)) {
                 let known = self.known[at];
-                if (known & faint.words()[at]).count_ones() < FEW_KNOWN {
+                if !shows_known(known, faint.words()[at]) {
                     continue;
                 }
                 let pixels = y * self.width + w * WORD..y * self.width + ((w + 1) * WORD).min(run.columns.end);
@@ -314,19 +314,6 @@ impl Background {
 
 /// Marks of a word among known pixels that are noise.
 const FEW_KNOWN: u32 = 6;
-
-kernel::wide! {
-/// In which of some rows (bit 0 is the first) a word has more marks among `known` pixels than noise makes.
-fn rows_with_known(known: &[u64], marks: &[u64], stride: usize, rows: Range<usize>, words: &Range<usize>) -> u32 {
-    let mut found = 0;
-    for (k, y) in rows.enumerate() {
-        let at = y * stride + words.start..y * stride + words.end;
-        let many = known[at.clone()].iter().zip(&marks[at]).any(|(known, marks)| (known & marks).count_ones() >= FEW_KNOWN);
-        found |= u32::from(many) << k;
-    }
-    found
-}
-}
 /// What a bootstrap counts for, in pairs of frames as all counts here: something else that stays for a second replaces it.
 const BOOTSTRAP_SEEN: u8 = 3;
 /// What a background counts for that was found by removing a ghost.
@@ -392,6 +379,25 @@ fn mean_of_typical_pixels(deviations: &[Vec<u8>]) -> f32 {
     let total: u64 = sums[..keep].iter().map(|&s| u64::from(s)).sum();
     // For the mean of nine half-normal deviations the quieter 80 % have 0.9 of the mean of all.
     (total as f32 / (keep * n) as f32 / 0.9).max(0.25)
+}
+
+/// Whether a word has more marks among known pixels than noise makes.
+#[inline(always)]
+fn shows_known(known: u64, marks: u64) -> bool {
+    (known & marks).count_ones() >= FEW_KNOWN
+}
+
+kernel::wide! {
+/// In which of some rows (bit 0 is the first) a word [`shows_known`] pixels.
+fn rows_with_known(known: &[u64], marks: &[u64], stride: usize, rows: Range<usize>, words: &Range<usize>) -> u32 {
+    let mut found = 0;
+    for (k, y) in rows.enumerate() {
+        let at = y * stride + words.start..y * stride + words.end;
+        let many = known[at.clone()].iter().zip(&marks[at]).any(|(known, marks)| shows_known(*known, *marks));
+        found |= u32::from(many) << k;
+    }
+    found
+}
 }
 
 #[cfg(test)]

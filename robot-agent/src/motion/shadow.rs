@@ -123,12 +123,9 @@ impl Shadow {
 
     fn is_among_shadows(&self, bx: usize, by: usize) -> bool {
         let [columns, rows] = self.blocks;
-        let (before, after) = match self.raster.wraps {
-            true => {
-                (Some(if bx == 0 { columns - 1 } else { bx - 1 }), Some(if bx + 1 == columns { 0 } else { bx + 1 }))
-            }
-            false => (bx.checked_sub(1), (bx + 1 < columns).then_some(bx + 1)),
-        };
+        let over_seam = |column: usize| self.raster.wraps.then_some(column);
+        let before = bx.checked_sub(1).or_else(|| over_seam(columns - 1));
+        let after = Some(bx + 1).filter(|x| *x < columns).or_else(|| over_seam(0));
         let (mut shadows, mut bodies) = (0, 0);
         for row in self.kind[by.saturating_sub(1) * columns..(by + 2).min(rows) * columns].chunks_exact(columns) {
             for x in [before, Some(bx), after].into_iter().flatten() {

@@ -24,13 +24,12 @@ pub(super) fn shade(region: &Region, scene: &Scene<'_>) -> Option<f64> {
     }
     let (mut sum, mut steps) = (0.0, 0usize);
     for (row, start, len) in region.spans() {
-        for at in (row * width + start..).take(len) {
-            // To the pixel two on in the row, and two below, if those are in the region, too.
-            for by in [2, 2 * width] {
-                let other = at + by;
-                if other >= n || scene.mask[other] == 0 || (by == 2 && at % width + 2 >= start + len) {
-                    continue;
-                }
+        let first = row * width + start;
+        for at in first..first + len {
+            // To the pixel two on, in the same piece of the row, and to that two below, where somebody is.
+            let others = [Some(at + 2).filter(|on| *on < first + len), Some(at + 2 * width)];
+            let marked = |other: &usize| scene.mask.get(*other).is_some_and(|mask| *mask != 0);
+            for other in others.into_iter().flatten().filter(marked) {
                 let (here, there) = (scene.background[at], scene.background[other]);
                 if here.abs_diff(there) < LEAST_STEP {
                     continue;

@@ -171,7 +171,12 @@ fn sums<T: Gray>(reference: &[T], picture: &[u8], valid: &[u8], raster: &Raster,
         let mut lanes = [[0; LANES / 2]; TERMS];
         for y in (1..height.saturating_sub(1)).step_by(row_step) {
             let i = y * width;
-            fetch_ahead(reference, picture, valid, width, i + 2 * row_step * width + x0);
+            let ahead = i + 2 * row_step * width + x0;
+            for near in [ahead - width, ahead, ahead + width] {
+                fetch(reference.get(near..near + LANES).unwrap_or_default());
+            }
+            fetch(picture.get(ahead..ahead + LANES).unwrap_or_default());
+            fetch(valid.get(ahead..ahead + LANES).unwrap_or_default());
             #[cfg(target_arch = "x86_64")]
             if plain && level >= Level::Avx2 {
                 // SAFETY: the processor has these instructions.
@@ -179,8 +184,10 @@ fn sums<T: Gray>(reference: &[T], picture: &[u8], valid: &[u8], raster: &Raster,
                 continue;
             }
             let (around, now, mut tested) = if plain {
-                let Some(read) = plain_columns(reference, picture, valid, width, i + x0) else { continue };
-                read
+                let Some((around, [now, tested])) = plain_pixels(reference, picture, valid, width, i + x0) else {
+                    continue;
+                };
+                (around.map(quarters), quarters(now), quarters(tested))
             } else {
                 let row = &reference[i..i + width];
                 let around = [
@@ -203,16 +210,6 @@ fn sums<T: Gray>(reference: &[T], picture: &[u8], valid: &[u8], raster: &Raster,
         }
     }
     Sums(std::array::from_fn(|t| total[t] as f64 * UNITS[t]))
-}
-
-/// Fetches what a later row needs from place `at` on.
-#[inline(always)]
-fn fetch_ahead<T>(reference: &[T], picture: &[u8], valid: &[u8], width: usize, at: usize) {
-    for near in [at - width, at, at + width] {
-        fetch(reference.get(near..near + LANES).unwrap_or_default());
-    }
-    fetch(picture.get(at..at + LANES).unwrap_or_default());
-    fetch(valid.get(at..at + LANES).unwrap_or_default());
 }
 
 /// Adds the products of sixteen pixels: `around` is the reference there, left, right, above and below; `tested` is −1 or 0.
@@ -264,19 +261,15 @@ fn add_plain_avx2<T: Gray>(
     lanes: &mut Lanes,
 ) {
     use std::arch::x86_64::*;
-    let places = [Some(at), at.checked_sub(1), Some(at + 1), at.checked_sub(width), Some(at + width)];
-    let around = places.map(|place| reference.get(place?..)?.first_chunk::<LANES>());
-    let [Some(here), Some(left), Some(right), Some(above), Some(below)] = around else { return };
-    let bytes = [picture, valid].map(|values| values.get(at..).and_then(|values| values.first_chunk::<LANES>()));
-    let [Some(now), Some(tested)] = bytes else { return };
-    // SAFETY: 16 bytes are read of 16.
-    let wide = |values: &[u8; LANES]| unsafe { _mm256_cvtepu8_epi16(_mm_loadu_si128(values.as_ptr().cast())) };
+    let Some((around, bytes)) = plain_pixels(reference, picture, valid, width, at) else { return };
+    // SAFETY: the processor has these instructions.
+    let around = around.map(|values| unsafe { T::quarters_avx2(values) });
+    // SAFETY: the same.
+    let [now, tested] = bytes.map(|values| unsafe { u8::quarters_avx2(values) });
     // SAFETY: 32 bytes are read of 32.
     let inside = unsafe { _mm256_loadu_si256(inside.as_ptr().cast()) };
-    let tested = _mm256_andnot_si256(_mm256_cmpeq_epi16(wide(tested), _mm256_setzero_si256()), inside);
-    // SAFETY: the processor has these instructions.
-    let around = [here, left, right, above, below].map(|values| unsafe { T::quarters_avx2(values) });
-    add_terms_avx2(around, _mm256_slli_epi16::<2>(wide(now)), tested, lanes);
+    let tested = _mm256_andnot_si256(_mm256_cmpeq_epi16(tested, _mm256_setzero_si256()), inside);
+    add_terms_avx2(around, now, tested, lanes);
 }
 
 /// Adds the products of pixels in registers.
@@ -322,25 +315,25 @@ fn add_terms_avx2(
     }
 }
 
-/// The reference at sixteen pixels from one on, left of them, right, above and below, the picture and what is tested there; none of them
-/// at a row's end.
+/// The reference at sixteen pixels from one on, left of them, right, above and below.
+type Around<'a, T> = [&'a [T; LANES]; 5];
+
+/// Those of the pixels from place `at` on, the picture and what is tested there; none of them at a row's end.
 #[inline(always)]
-fn plain_columns<T: Gray>(
-    reference: &[T],
-    picture: &[u8],
-    valid: &[u8],
+fn plain_pixels<'a, T>(
+    reference: &'a [T],
+    picture: &'a [u8],
+    valid: &'a [u8],
     width: usize,
     at: usize,
-) -> Option<([Columns; 5], Columns, Columns)> {
-    let here = reference.get(at..)?.first_chunk::<LANES>()?;
-    let left = reference.get(at.checked_sub(1)?..)?.first_chunk::<LANES>()?;
-    let right = reference.get(at + 1..)?.first_chunk::<LANES>()?;
-    let above = reference.get(at.checked_sub(width)?..)?.first_chunk::<LANES>()?;
-    let below = reference.get(at + width..)?.first_chunk::<LANES>()?;
-    let now = picture.get(at..)?.first_chunk::<LANES>()?;
-    let tested = valid.get(at..)?.first_chunk::<LANES>()?;
-    let around = [quarters(here), quarters(left), quarters(right), quarters(above), quarters(below)];
-    Some((around, quarters(now), quarters(tested)))
+) -> Option<(Around<'a, T>, [&'a [u8; LANES]; 2])> {
+    let here = reference.get(at..)?.first_chunk()?;
+    let left = reference.get(at.checked_sub(1)?..)?.first_chunk()?;
+    let right = reference.get(at + 1..)?.first_chunk()?;
+    let above = reference.get(at.checked_sub(width)?..)?.first_chunk()?;
+    let below = reference.get(at + width..)?.first_chunk()?;
+    let (now, tested) = (picture.get(at..)?.first_chunk()?, valid.get(at..)?.first_chunk()?);
+    Some(([here, left, right, above, below], [now, tested]))
 }
 
 #[inline(always)]
@@ -413,4 +406,35 @@ fn profiles(picture: &[u8], width: usize, height: usize) -> Vec<Vec<f32>> {
             sums
         })
         .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use rand::{Rng, SeedableRng};
+
+    use super::*;
+    use crate::motion::kernel::at_most;
+
+    #[test]
+    fn sums_are_the_same_on_any_processor_also_at_the_ends_of_rows() {
+        let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(12);
+        for wraps in [true, false] {
+            let raster = Raster { width: 75, height: 41, wraps };
+            let [before, now, valid] = [256, 256, 9]
+                .map(|below| (0..raster.len()).map(|_| (rng.next_u32() % below) as u8).collect::<Vec<u8>>());
+            let valid: Vec<u8> = valid.iter().map(|v| u8::from(*v > 0)).collect();
+            let background: Vec<u16> = before.iter().map(|b| u16::from(*b) << 8 | 0x5a).collect();
+            for columns in [0..75, 3..20, 16..31, 58..75] {
+                let [plain, avx2, avx512] = [Level::Portable, Level::Avx2, Level::Avx512].map(|level| {
+                    at_most(level, || {
+                        let picture = against_picture(&before, &now, &valid, &raster, columns.clone());
+                        [picture, against_background(&background, &now, &valid, &raster, columns.clone())].map(|s| s.0)
+                    })
+                });
+                assert!(plain.iter().all(|sums| sums[W] > 0.0 && sums[RR] > 0.0));
+                assert_eq!(plain, avx2, "{columns:?}, {wraps}");
+                assert_eq!(plain, avx512, "{columns:?}, {wraps}");
+            }
+        }
+    }
 }
