@@ -23,16 +23,27 @@ pub(super) struct Holes {
     above: Vec<u64>,
     /// The pieces of a row, from left to right in the arc.
     pieces: Vec<Range<usize>>,
+    /// The rows of a region of at most 64 columns.
+    rows: Vec<u64>,
 }
 
 impl Holes {
     /// The region with its holes filled; `None` if even so it does not fill enough of what it spans.
     pub(super) fn fill(&mut self, region: Region, raster: &Raster) -> Option<Region> {
+        let arc = region.arc;
+        if arc.width <= WORD && arc.start + arc.width <= raster.width {
+            return self.fill_narrow(region, raster);
+        }
+        self.fill_wide(region, raster)
+    }
+
+    fn fill_wide(&mut self, region: Region, raster: &Raster) -> Option<Region> {
+        let arc = region.arc;
         let is_divided = |pair: &[Run]| pair[0].row == pair[1].row;
         let Some(first) = region.runs.windows(2).position(is_divided) else { return Some(region) };
         // Nothing is filled above the first row of several pieces, and below the last one.
         let end = region.runs.windows(2).rposition(is_divided).map_or(first, |last| last + 2);
-        let (top, arc, words) = (region.runs[first].row, region.arc, region.arc.width.div_ceil(WORD));
+        let (top, words) = (region.runs[first].row, arc.width.div_ceil(WORD));
         let columns_of = |run: &Run| {
             let offset = run.offset(arc.start, raster.width);
             offset.min(arc.width)..(offset + run.len as usize).min(arc.width)
@@ -79,7 +90,55 @@ impl Holes {
         }
         runs.extend_from_slice(&region.runs[end..]);
         let region = region.with_runs(runs, raster);
-        (region.area as f64 >= LEAST_FILLED * (region.area + gaps) as f64).then_some(region)
+        is_solid(&region, gaps).then_some(region)
+    }
+
+    /// The same where a row is a word, as in most bodies.
+    fn fill_narrow(&mut self, region: Region, raster: &Raster) -> Option<Region> {
+        let (top, start) = (region.rows[0], region.arc.start);
+        let Self { rows, below, .. } = self;
+        rows.clear();
+        rows.resize(region.height(), 0);
+        for run in &region.runs {
+            let offset = (run.start as usize).saturating_sub(start);
+            rows[run.row as usize - top] |= bits_between(0, offset, offset + run.len as usize);
+        }
+        // Nothing is filled above the first row with a gap, and below the last one.
+        let is_divided = |row: &u64| gap_of(*row) != 0;
+        let Some(first) = rows.iter().position(is_divided) else { return Some(region) };
+        let end = rows.iter().rposition(is_divided).map_or(first, |last| last + 1);
+        let in_rows = |end: usize| region.runs.partition_point(|run| (run.row as usize) < top + end);
+        let (upper, lower) = (&region.runs[..in_rows(first)], &region.runs[in_rows(end)..]);
+        // Of each row: what is lower.
+        below.clear();
+        below.resize(rows.len(), 0);
+        let mut lower_rows = rows[end..].iter().fold(0, |all, row| all | row);
+        for (below, row) in below[first..end].iter_mut().zip(&rows[first..end]).rev() {
+            *below = lower_rows;
+            lower_rows |= row;
+        }
+        let (mut above, mut gaps) = (rows[..first].iter().fold(0, |all, row| all | row), 0);
+        let mut runs = Vec::with_capacity(region.runs.len());
+        runs.extend_from_slice(upper);
+        for (y, (row, below)) in ((top + first) as u32..).zip(rows[first..end].iter().zip(&below[first..end])) {
+            let mut whole = *row;
+            for gap in pieces(gap_of(*row)) {
+                if gap & !(above & *below) == 0 {
+                    whole |= gap;
+                } else {
+                    gaps += gap.count_ones() as usize;
+                }
+            }
+            above |= row;
+            runs.extend(pieces(whole).map(|piece| Run {
+                row: y,
+                start: start as u32 + piece.trailing_zeros(),
+                len: piece.count_ones(),
+            }));
+        }
+        runs.extend_from_slice(lower);
+        let region = region.with_runs(runs, raster);
+        is_solid(&region, gaps).then_some(region)
     }
 
     /// Of the rows of some runs from the first one's on.
@@ -96,6 +155,30 @@ impl Holes {
             self.below[i] |= self.below[i + words];
         }
     }
+}
+
+/// Whether a region fills enough of what it spans.
+fn is_solid(region: &Region, gaps: usize) -> bool {
+    region.area as f64 >= LEAST_FILLED * (region.area + gaps) as f64
+}
+
+/// What is between the first and the last of a row, and not in it.
+#[inline(always)]
+fn gap_of(row: u64) -> u64 {
+    // All from the lowest bit on, less all above the highest.
+    let from_first = row | row.wrapping_neg();
+    let to_last = u64::MAX.checked_shr(row.leading_zeros()).unwrap_or(0);
+    from_first & to_last & !row
+}
+
+/// The pieces of a row, from its first.
+fn pieces(mut row: u64) -> impl Iterator<Item = u64> {
+    std::iter::from_fn(move || {
+        // Added its lowest bit the first piece becomes the bit after it.
+        let piece = row & !row.wrapping_add(row & row.wrapping_neg());
+        row &= !piece;
+        (piece != 0).then_some(piece)
+    })
 }
 
 /// Marks some columns.
@@ -151,6 +234,30 @@ mod tests {
             assert_eq!(body.area, 6 + 6 + 6 + 4 + 4, "at {at}");
             assert_eq!((body.arc.start, body.arc.width), (at, 6));
         }
+    }
+
+    #[test]
+    fn narrow_and_wide_regions_are_filled_alike() {
+        use rand::{Rng, SeedableRng};
+        let raster = Raster { width: 80, height: 30, wraps: true };
+        let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(15);
+        let (mut filled, mut scattered) = (0, 0);
+        for n in 0..300 {
+            // Dense ones have holes, thin ones are scattered.
+            let marked_of_8 = 1 + n % 6;
+            let is_marked =
+                |x: usize, y: usize, r: u32| (8..70).contains(&x) && (3..27).contains(&y) && r % 8 < marked_of_8;
+            let mask: Vec<u8> =
+                (0..raster.len()).map(|i| u8::from(is_marked(i % 80, i / 80, rng.next_u32() >> 8))).collect();
+            for region in group(&mask, &raster, [1, 1], 20) {
+                let area = region.area;
+                let narrow = Holes::default().fill_narrow(region.clone(), &raster);
+                assert_eq!(narrow, Holes::default().fill_wide(region, &raster));
+                filled += usize::from(narrow.as_ref().is_some_and(|narrow| narrow.area > area));
+                scattered += usize::from(narrow.is_none());
+            }
+        }
+        assert!(filled > 50 && scattered > 20, "{filled} {scattered}");
     }
 
     #[test]

@@ -15,6 +15,8 @@ mod mark;
 mod median;
 #[cfg(target_arch = "x86_64")]
 mod middle;
+#[cfg(target_arch = "x86_64")]
+mod narrow;
 mod planes;
 mod products;
 mod runs;

@@ -91,33 +91,55 @@ impl Region {
     fn from_runs(runs: Vec<Run>, raster: &Raster, columns: &mut Vec<u64>) -> Self {
         columns.clear();
         columns.resize(raster.width.div_ceil(WORD), 0);
-        let (mut area, mut sum_y) = (0usize, 0usize);
+        let mut sums = Sums::default();
         for r in &runs {
             mark_columns(columns, r.start as usize, (r.start + r.len) as usize);
-            area += r.len as usize;
-            sum_y += r.len as usize * r.row as usize;
+            sums.add(r);
         }
         let arc = covering_arc(columns, raster);
-        Self::of_arc(runs, arc, [area, sum_y], raster)
+        Self::of_arc(runs, arc, &sums, raster)
     }
 
     /// The same columns and rows with other runs, in the order of rows.
     pub(super) fn with_runs(self, runs: Vec<Run>, raster: &Raster) -> Self {
-        let add = |[area, sum_y]: [usize; 2], r: &Run| [area + r.len as usize, sum_y + r.len as usize * r.row as usize];
-        let sums = runs.iter().fold([0, 0], add);
-        Self::of_arc(runs, self.arc, sums, raster)
+        let mut sums = Sums::default();
+        runs.iter().for_each(|run| sums.add(run));
+        Self::of_arc(runs, self.arc, &sums, raster)
     }
 
-    /// From runs, the arc that they cover, their pixels, and the sum of those pixels' rows.
-    fn of_arc(runs: Vec<Run>, arc: Arc, [area, sum_y]: [usize; 2], raster: &Raster) -> Self {
-        let mut sum_x = 0.0;
-        for r in &runs {
-            let offset = r.offset(arc.start, raster.width);
-            sum_x += f64::from(r.len) * (offset as f64 + (f64::from(r.len) - 1.0) / 2.0);
-        }
-        let rows = [runs.first().map_or(0, |r| r.row as usize), runs.last().map_or(0, |r| r.row as usize)];
+    /// From runs, the arc that they cover, and the sums over them.
+    fn of_arc(runs: Vec<Run>, arc: Arc, sums: &Sums, raster: &Raster) -> Self {
+        let Sums { area, rows, columns } = *sums;
+        // Those beyond the seam come after those before it.
+        let is_beyond = |run: &&Run| (run.start as usize) < arc.start;
+        let is_over_seam = arc.start + arc.width > raster.width;
+        let beyond = if is_over_seam { runs.iter().filter(is_beyond).map(|run| run.len as usize).sum() } else { 0 };
+        let twice = columns + 2 * raster.width * beyond;
         let n = area.max(1) as f64;
-        Self { area, arc, rows, centroid: [arc.start as f64 + sum_x / n, sum_y as f64 / n], runs }
+        let offset = (twice as f64 - 2.0 * (area * arc.start) as f64) / 2.0 / n;
+        let centroid = [arc.start as f64 + offset, rows as f64 / n];
+        let rows = [runs.first().map_or(0, |r| r.row as usize), runs.last().map_or(0, |r| r.row as usize)];
+        Self { area, arc, rows, centroid, runs }
+    }
+}
+
+/// Over the pixels of runs.
+#[derive(Debug, Clone, Copy, Default)]
+struct Sums {
+    /// How many there are.
+    area: usize,
+    rows: usize,
+    /// Twice the sum of their columns.
+    columns: usize,
+}
+
+impl Sums {
+    #[inline(always)]
+    fn add(&mut self, run: &Run) {
+        let [row, start, len] = [run.row, run.start, run.len].map(|n| n as usize);
+        self.area += len;
+        self.rows += len * row;
+        self.columns += len * (2 * start + len.saturating_sub(1));
     }
 }
 

@@ -3,7 +3,7 @@
 //! Problem: unwarping, comparing and learning cost time a pixel, and a standing robot's picture changes in a tenth of them. Insight:
 //! whether a piece of the raw picture still shows what it showed when it was last unwarped is seen far more cheaply (see
 //! [`crate::panorama::Watch`]), and more surely than pixel by pixel, for a block averages the camera's noise. So the picture is cut
-//! into cells. A cell is worked where something changed, where something is or was of late, and in turns about once a second, which
+//! into cells. A cell is worked where something changed, where something is or was of late, and in turns every second or two, which
 //! is all that background and noise need; elsewhere its last panorama stands and it has no marks. All cells are worked while there
 //! is no background and while the robot moves. A look costs time, too: cells into which an object may come until the next frame are
 //! looked at in every frame, the others about ten times a second.
@@ -19,8 +19,8 @@ pub(crate) const ROWS: usize = 2 * halo::CELL;
 /// Columns of a cell.
 pub(crate) const COLUMNS: usize = WORD;
 /// Time within which each cell is worked, seconds, and frames at most.
-const REST_S: f64 = 0.8;
-const MOST_REST: usize = 24;
+const REST_S: f64 = 1.6;
+const MOST_REST: usize = 48;
 /// A cell with nothing beside it is looked at for changes so often, seconds: a fast camera's frames say little more.
 const LOOK_S: f64 = 0.1;
 const MOST_LOOK_TURNS: usize = 8;

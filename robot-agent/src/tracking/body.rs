@@ -104,7 +104,8 @@ pub(super) fn solid_rows(
     let (runs, first, changes) = (&region.runs, region.rows[0], scene.magnitude);
     kernel::add_to_rows(runs, width, start, &columns, first, changes, FULL_CHANGE, &mut rows);
     let mean = |(sum, n): &(u32, u32)| if *n == 0 { 0.0 } else { f64::from(*sum) / f64::from(*n) };
-    let mut means: Vec<f64> = rows.iter().filter(|r| r.1 > 0).map(mean).collect();
+    let mut means = Vec::with_capacity(rows.len());
+    means.extend(rows.iter().filter(|r| r.1 > 0).map(mean));
     if means.is_empty() {
         return region.rows;
     }
@@ -139,15 +140,28 @@ impl Strip {
         kernel::add_to_cells(&region.runs, size, start, width, BANDS, scene.picture, &mut counts, &mut sums);
         let rows_of_band = raster.height as f32 / BANDS as f32;
         let (mut filled, mut gray) = (vec![[0f32; BANDS]; width], vec![[0f32; BANDS]; width]);
-        for (band, (counts, sums)) in counts.chunks_exact(width).zip(sums.chunks_exact(width)).take(BANDS).enumerate() {
-            let cells = filled.iter_mut().zip(&mut gray).zip(counts.iter().zip(sums));
-            for ((filled, gray), (n, sum)) in cells.filter(|(_, (n, _))| **n > 0) {
-                let n = f32::from(*n);
-                (filled[band], gray[band]) = ((n / rows_of_band).min(1.0), *sum as f32 / n);
-            }
-        }
+        look_of_cells(&counts, &sums, rows_of_band, &mut filled, &mut gray);
         Self { start: region.arc.start, filled, gray }
     }
+}
+
+kernel::wide! {
+/// How full cells of `rows` rows are and how bright, column by column, from the counts and sums of their pixels, band by band.
+fn look_of_cells(counts: &[u16], sums: &[u32], rows: f32, filled: &mut [[f32; BANDS]], gray: &mut [[f32; BANDS]]) {
+    let width = filled.len();
+    for (column, (filled, gray)) in filled.iter_mut().zip(gray).enumerate() {
+        let (mut n, mut sum) = ([0f32; BANDS], [0f32; BANDS]);
+        for band in 0..BANDS {
+            n[band] = f32::from(counts[band * width + column]);
+            sum[band] = sums[band * width + column] as f32;
+        }
+        for band in 0..BANDS {
+            filled[band] = (n[band] / rows).min(1.0);
+            // Nothing where there is nothing: its sum is 0.
+            gray[band] = sum[band] / n[band].max(1.0);
+        }
+    }
+}
 }
 
 #[cfg(test)]

@@ -3,6 +3,8 @@
 
 use std::ops::Range;
 
+#[cfg(target_arch = "x86_64")]
+use super::narrow;
 use super::{Level, available, bits_of, padded, wide};
 use crate::motion::regions::Run;
 
@@ -33,7 +35,7 @@ fn pad<'a, T: Copy + Default>(values: &[T], space: &'a mut [T; BLOCK]) -> &'a [T
 
 /// The lowest `n` bits.
 #[inline(always)]
-fn lowest(n: usize) -> u64 {
+pub(super) fn lowest(n: usize) -> u64 {
     if n >= BLOCK { u64::MAX } else { (1 << n) - 1 }
 }
 
@@ -132,6 +134,11 @@ wide! {
 /// Adds a region's `values`, at least `least` and at most `most` each, to the sums of its columns, of which column `start` of a
 /// ring of `width` is the first. `sums` has at least [`BLOCK`] more than the region has columns.
 pub fn add_to_columns(runs: &[Run], width: usize, start: usize, values: &[u8], least: u8, most: u8, sums: &mut [u32]) {
+    #[cfg(target_arch = "x86_64")]
+    if available() == Level::Avx512 && sums.len() <= 2 * BLOCK && let Some(sums) = sums.first_chunk_mut() {
+        // SAFETY: the processor has these instructions.
+        return unsafe { narrow::add_to_columns(runs, width, start, values, [least, most], sums) };
+    }
     for run in runs {
         for_columns(run, width, start, values, |column, values, inside| {
             let Some(sums) = sums.get_mut(column..).and_then(|sums| sums.first_chunk_mut::<BLOCK>()) else { return };
@@ -221,6 +228,11 @@ pub fn add_to_cells(
     counts: &mut [u16],
     sums: &mut [u32],
 ) {
+    #[cfg(target_arch = "x86_64")]
+    if available() == Level::Avx512 && columns <= BLOCK {
+        // SAFETY: the processor has these instructions.
+        return unsafe { narrow::add_to_cells(runs, size, start, [columns, bands], pixels, counts, sums) };
+    }
     let [width, height] = size;
     for run in runs {
         let first = run.row as usize * bands / height * columns;
@@ -278,20 +290,16 @@ mod tests {
 
     const WIDTH: usize = 150;
     const HEIGHT: usize = 20;
-    /// A region that lies over the seam.
-    const START: usize = 100;
-    const COLUMNS: usize = 110;
-    const INNER: Range<usize> = 20..101;
 
-    /// Runs within the region's columns, some of them empty, long, and at the picture's end.
-    fn runs(rng: &mut rand_chacha::ChaCha8Rng) -> Vec<Run> {
+    /// Runs of a region with so many columns before the seam and after it, some of them long, and at the picture's ends.
+    fn runs(rng: &mut rand_chacha::ChaCha8Rng, [before, after]: [usize; 2]) -> Vec<Run> {
         let mut random = |below: usize| rng.next_u32() as usize % below;
         let mut runs = vec![Run { row: 19, start: 140, len: 10 }];
         for row in 0..HEIGHT as u32 - 1 {
-            let len = 1 + random(60);
-            runs.push(Run { row, start: random(61 - len) as u32, len: len as u32 });
-            let len = 1 + random(50);
-            runs.push(Run { row, start: (START + random(51 - len)) as u32, len: len as u32 });
+            let len = 1 + random(after);
+            runs.push(Run { row, start: random(after + 1 - len) as u32, len: len as u32 });
+            let len = 1 + random(before);
+            runs.push(Run { row, start: (WIDTH - before + random(before + 1 - len)) as u32, len: len as u32 });
         }
         runs.sort_by_key(|r| (r.row, r.start));
         runs
@@ -304,27 +312,30 @@ mod tests {
     #[test]
     fn sums_and_counts_are_those_of_pixels_one_by_one() {
         let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(12);
-        for _ in 0..20 {
-            let runs = runs(&mut rng);
+        for n in 0..40 {
+            // Wide regions and narrow ones.
+            let (sides, inner) = [([50, 60], 20..101), ([30, 34], 10..51)][n % 2].clone();
+            let (start, all_columns) = (WIDTH - sides[0], sides[0] + sides[1]);
+            let runs = runs(&mut rng, sides);
             let mut bytes = || (0..WIDTH * HEIGHT).map(|_| (rng.next_u32() >> 24) as u8).collect::<Vec<u8>>();
             let (a, b) = (bytes(), bytes());
             let level: Vec<u16> = a.iter().zip(&b).map(|(a, b)| u16::from(*a) << 8 | u16::from(*b)).collect();
             let (mut differ, mut not_darker) = (0, 0);
-            let (mut columns, mut rows) = (vec![0u32; COLUMNS + BLOCK], vec![(0, 0); HEIGHT]);
-            let mut counts = vec![0u16; 4 * COLUMNS + BLOCK];
-            let (mut sums, mut filled) = (vec![0u32; 4 * COLUMNS + BLOCK], vec![3; WIDTH * HEIGHT]);
+            let (mut columns, mut rows) = (vec![0u32; all_columns + BLOCK], vec![(0, 0); HEIGHT]);
+            let mut counts = vec![0u16; 4 * all_columns + BLOCK];
+            let (mut sums, mut filled) = (vec![0u32; 4 * all_columns + BLOCK], vec![3; WIDTH * HEIGHT]);
             for (x, y) in pixels(&runs) {
                 let i = y * WIDTH + x;
                 differ += usize::from(a[i].abs_diff(b[i]) >= 90);
                 let half = u16::from(b[i]) << 7;
                 not_darker += usize::from(half >= level[i] >> 1 || half <= level[i] >> 2);
-                let column = (x + WIDTH - START) % WIDTH;
+                let column = (x + WIDTH - start) % WIDTH;
                 columns[column] += u32::from(a[i].clamp(9, 99));
-                if INNER.contains(&column) {
+                if inner.contains(&column) {
                     rows[y] = (rows[y].0 + u32::from(a[i].min(99)), rows[y].1 + 1);
                 }
-                counts[y * 4 / HEIGHT * COLUMNS + column] += 1;
-                sums[y * 4 / HEIGHT * COLUMNS + column] += u32::from(a[i]);
+                counts[y * 4 / HEIGHT * all_columns + column] += 1;
+                sums[y * 4 / HEIGHT * all_columns + column] += u32::from(a[i]);
                 filled[i] = 7;
             }
             for kind in [Level::Portable, Level::Avx2, Level::Avx512] {
@@ -332,14 +343,14 @@ mod tests {
                     assert_eq!(count_differences(&runs, WIDTH, &a, &b, 90, usize::MAX), differ);
                     assert!((5..differ).contains(&count_differences(&runs, WIDTH, &a, &b, 90, 5)));
                     assert_eq!(count_not_darker(&runs, WIDTH, &b, &level, usize::MAX), not_darker);
-                    let mut got = vec![0; COLUMNS + BLOCK];
-                    add_to_columns(&runs, WIDTH, START, &a, 9, 99, &mut got);
+                    let mut got = vec![0; all_columns + BLOCK];
+                    add_to_columns(&runs, WIDTH, start, &a, 9, 99, &mut got);
                     assert_eq!(got, columns, "{kind:?}");
                     let mut got = vec![(0, 0); HEIGHT];
-                    add_to_rows(&runs, WIDTH, START, &INNER, 0, &a, 99, &mut got);
+                    add_to_rows(&runs, WIDTH, start, &inner, 0, &a, 99, &mut got);
                     assert_eq!(got, rows, "{kind:?}");
                     let mut got = (vec![0; counts.len()], vec![0; sums.len()]);
-                    add_to_cells(&runs, [WIDTH, HEIGHT], START, COLUMNS, 4, &a, &mut got.0, &mut got.1);
+                    add_to_cells(&runs, [WIDTH, HEIGHT], start, all_columns, 4, &a, &mut got.0, &mut got.1);
                     assert_eq!(got, (counts.clone(), sums.clone()), "{kind:?}");
                     let mut got = vec![3; WIDTH * HEIGHT];
                     fill_runs(&runs, WIDTH, 7, &mut got);

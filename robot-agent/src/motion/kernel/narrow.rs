@@ -1,0 +1,109 @@
+//! Sums over the pixels of a region of at most 64 columns, as most bodies have: with AVX-512 they stay in registers from row to row.
+
+use std::arch::x86_64::*;
+
+use super::runs::{BLOCK, lowest};
+use crate::motion::regions::Run;
+
+/// Values that may be added up in 16 bits, and ones in 8.
+const BYTES: usize = 257;
+const ONES: usize = 255;
+
+/// A run's pixels, each at the place of its column counted from column `start` of a ring of `width`, and which places those are. None
+/// of a run that is not within 64 columns, or not in the picture.
+#[target_feature(enable = "avx512f,avx512bw")]
+#[inline]
+fn pixels_of(run: &Run, width: usize, start: usize, values: &[u8]) -> (u64, __m512i) {
+    let (offset, len) = (run.offset(start, width), run.len as usize);
+    let first = run.row as usize * width + run.start as usize;
+    if len == 0 || offset + len > BLOCK || first + len > values.len() {
+        return (0, _mm512_setzero_si512());
+    }
+    let inside = lowest(len) << offset;
+    let at = values.as_ptr().wrapping_add(first).wrapping_sub(offset);
+    // SAFETY: those read are `len` bytes of `values` from `first` on; the pointer need not be aligned.
+    (inside, unsafe { _mm512_maskz_loadu_epi8(inside, at.cast()) })
+}
+
+/// Adds bytes to 64 sums of 16 bits.
+#[target_feature(enable = "avx512f,avx512bw")]
+#[inline]
+fn add_bytes([low, high]: &mut [__m512i; 2], bytes: __m512i) {
+    *low = _mm512_add_epi16(*low, _mm512_cvtepu8_epi16(_mm512_castsi512_si256(bytes)));
+    *high = _mm512_add_epi16(*high, _mm512_cvtepu8_epi16(_mm512_extracti64x4_epi64::<1>(bytes)));
+}
+
+/// Adds them to sums of 32 bits.
+#[target_feature(enable = "avx512f,avx512bw")]
+#[inline]
+fn spill([low, high]: [__m512i; 2], sums: &mut [u32; BLOCK]) {
+    let mut all = [0u16; BLOCK];
+    // SAFETY: 128 bytes are written of 128; the pointer need not be aligned.
+    unsafe {
+        _mm512_storeu_si512(all.as_mut_ptr().cast(), low);
+        _mm512_storeu_si512(all.as_mut_ptr().add(32).cast(), high);
+    }
+    for (sum, part) in sums.iter_mut().zip(all) {
+        *sum = sum.wrapping_add(u32::from(part));
+    }
+}
+
+/// See [`super::add_to_columns`].
+#[target_feature(enable = "avx512f,avx512bw")]
+pub(super) fn add_to_columns(
+    runs: &[Run],
+    width: usize,
+    start: usize,
+    values: &[u8],
+    [least, most]: [u8; 2],
+    sums: &mut [u32; BLOCK],
+) {
+    let (least, most) = (_mm512_set1_epi8(least as i8), _mm512_set1_epi8(most as i8));
+    for runs in runs.chunks(BYTES) {
+        let mut columns = [_mm512_setzero_si512(); 2];
+        for run in runs {
+            let (inside, pixels) = pixels_of(run, width, start, values);
+            add_bytes(&mut columns, _mm512_maskz_min_epu8(inside, _mm512_max_epu8(pixels, least), most));
+        }
+        spill(columns, sums);
+    }
+}
+
+/// See [`super::add_to_cells`].
+#[target_feature(enable = "avx512f,avx512bw,popcnt")]
+pub(super) fn add_to_cells(
+    runs: &[Run],
+    [width, height]: [usize; 2],
+    start: usize,
+    [columns, bands]: [usize; 2],
+    pixels: &[u8],
+    counts: &mut [u16],
+    sums: &mut [u32],
+) {
+    let mut left = runs;
+    while let Some(run) = left.first() {
+        // The rows of its band.
+        let band = run.row as usize * bands / height;
+        let end = ((band + 1) * height).div_ceil(bands) as u32;
+        let mut here = left.iter().position(|run| run.row >= end).unwrap_or(left.len());
+        here = here.min(ONES);
+        let (these, later) = left.split_at(here);
+        left = later;
+        let (mut ones, mut cells) = (_mm512_setzero_si512(), [_mm512_setzero_si512(); 2]);
+        for run in these {
+            let (inside, pixels) = pixels_of(run, width, start, pixels);
+            ones = _mm512_mask_add_epi8(ones, inside, ones, _mm512_set1_epi8(1));
+            add_bytes(&mut cells, pixels);
+        }
+        let counts = counts.get_mut(band * columns..).and_then(|counts| counts.first_chunk_mut::<BLOCK>());
+        let sums = sums.get_mut(band * columns..).and_then(|sums| sums.first_chunk_mut::<BLOCK>());
+        let (Some(counts), Some(sums)) = (counts, sums) else { return };
+        let mut all = [0u8; BLOCK];
+        // SAFETY: 64 bytes are written of 64; the pointer need not be aligned.
+        unsafe { _mm512_storeu_si512(all.as_mut_ptr().cast(), ones) };
+        for (count, ones) in counts.iter_mut().zip(all) {
+            *count = count.wrapping_add(u16::from(ones));
+        }
+        spill(cells, sums);
+    }
+}
