@@ -93,7 +93,7 @@ impl Holes {
         is_solid(&region, gaps).then_some(region)
     }
 
-    /// The same where a row is a word, as in most bodies.
+    /// The same where a row is a word, as in most bodies, and the region is not over the seam.
     fn fill_narrow(&mut self, region: Region, raster: &Raster) -> Option<Region> {
         let (top, start) = (region.rows[0], region.arc.start);
         let Self { rows, below, .. } = self;
@@ -183,11 +183,6 @@ fn pieces(mut row: u64) -> impl Iterator<Item = u64> {
 
 /// Marks some columns.
 fn mark(row: &mut [u64], columns: Range<usize>) {
-    if let [word] = row {
-        // As most bodies are.
-        *word |= bits_between(0, columns.start, columns.end);
-        return;
-    }
     for (w, word) in row.iter_mut().enumerate().take(columns.end.div_ceil(WORD)).skip(columns.start / WORD) {
         *word |= bits_between(w, columns.start, columns.end);
     }

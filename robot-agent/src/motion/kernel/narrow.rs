@@ -70,7 +70,7 @@ pub(super) fn add_to_columns(
 }
 
 /// See [`super::add_to_cells`].
-#[target_feature(enable = "avx512f,avx512bw,popcnt")]
+#[target_feature(enable = "avx512f,avx512bw")]
 pub(super) fn add_to_cells(
     runs: &[Run],
     [width, height]: [usize; 2],
