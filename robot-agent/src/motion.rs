@@ -210,7 +210,7 @@ impl Patch {
         self.arc.overlap(&other.arc, raster) * rows
     }
 
-    fn area(&self) -> usize {
+    pub(crate) fn area(&self) -> usize {
         self.arc.width * (self.rows[1] - self.rows[0] + 1)
     }
 }
@@ -440,9 +440,9 @@ impl MotionStage {
 
         let before = self.motion;
         self.motion = if self.settings.own_motion {
-            let Self { own_motion, before, picture, background, first, state, noise_sigma, .. } = self;
+            let Self { own_motion, before, picture, background, first, state, noise_sigma, work, .. } = self;
             let anchor = anchor(*state, background, first);
-            own_motion.step(picture, before, anchor, *noise_sigma, capture)
+            own_motion.step(picture, before, anchor, *noise_sigma, capture, work.is_calm())
         } else {
             Motion::Standing
         };

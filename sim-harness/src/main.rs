@@ -8,6 +8,10 @@ use sim_harness::cli::{
     zoo,
 };
 
+/// As the agent's, which it measures.
+#[global_allocator]
+static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
+
 #[derive(Debug, Parser)]
 #[command(
     name = "sim-harness",

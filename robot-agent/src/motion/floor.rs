@@ -6,7 +6,7 @@
 //! throw shadows on walls, too, shaped like people; those show the wall's own texture.
 
 use super::kernel;
-use super::marks::{Marks, WORD};
+use super::marks::Marks;
 use super::raster::Raster;
 use super::regions::Region;
 
@@ -26,23 +26,19 @@ pub(super) fn split(mask: &Marks, row: usize, raster: &Raster, upright: &mut Mar
             (*one, *two) = ((*one ^ m) | (*two & carry), *two | carry);
         }
     }
-    let is_body = |x: usize| ones[x / WORD] & twos[x / WORD] & 1 << (x % WORD) != 0;
-    let mut body = vec![0u64; stride];
-    for x in (0..width).filter(|x| is_body(*x)) {
-        for offset in 0..=2 * MARGIN {
-            let column = x + offset;
-            let column = if wraps { (column + width - MARGIN) % width } else { column.wrapping_sub(MARGIN) };
-            if column < width {
-                body[column / WORD] |= 1 << (column % WORD);
-            }
-        }
+    let mut body: Vec<u64> = ones.iter().zip(&twos).map(|(one, two)| one & two).collect();
+    for _ in 0..MARGIN {
+        kernel::spread_by_one(&body, stride, width, wraps, &mut ones);
+        std::mem::swap(&mut body, &mut ones);
     }
     upright.words_mut().copy_from_slice(mask.words());
     low.words_mut().fill(0);
     let below = row * stride..height * stride;
-    let words = upright.words_mut()[below.clone()].iter_mut().zip(&mut low.words_mut()[below]);
-    for ((u, l), body) in words.zip(body.iter().cycle()) {
-        (*u, *l) = (*u & body, *u & !body);
+    let rows = upright.words_mut()[below.clone()].chunks_exact_mut(stride);
+    for (upright, low) in rows.zip(low.words_mut()[below].chunks_exact_mut(stride)) {
+        for ((u, l), body) in upright.iter_mut().zip(low).zip(&body) {
+            (*u, *l) = (*u & body, *u & !body);
+        }
     }
 }
 

@@ -53,8 +53,10 @@ const FRAME_TOLERANCE_PX: f64 = 0.12;
 const LEFT_SHARE: f64 = 0.25;
 /// … and above this share, frame by frame, it stands again.
 const STILL_SHARE: f64 = 0.5;
-/// A standing robot is compared with its anchor so often at most, seconds: a fast camera's frames say nothing new.
+/// A standing robot is compared with its anchor so often at most, seconds: a fast camera's frames say nothing new. More seldom where
+/// little of the picture has changed, for a robot that drives changes all of it.
 const COMPARE_S: f64 = 0.082;
+const COMPARE_CALM_S: f64 = 0.282;
 /// Frames in a row that decide.
 const FRAMES_TO_LEAVE: u32 = 2;
 const FRAMES_TO_STAND: u32 = 3;
@@ -66,10 +68,6 @@ pub(crate) enum Anchor<'a> {
     Picture(&'a [u8]),
     /// In 8.8 fixed point.
     Background(&'a [u16]),
-}
-
-fn is_soon(elapsed_s: f64) -> bool {
-    (0.0..COMPARE_S).contains(&elapsed_s)
 }
 
 /// The judge of own motion, with its memory.
@@ -89,7 +87,7 @@ impl OwnMotion {
     }
 
     /// Judge a picture. `before`: the one before, empty where there is none; `anchor`: the background, where there is one;
-    /// `noise_sigma`: grey levels.
+    /// `noise_sigma`: grey levels; `calm`: whether little of it has changed, as somebody else has seen.
     pub(crate) fn step(
         &mut self,
         picture: &[u8],
@@ -97,9 +95,10 @@ impl OwnMotion {
         anchor: Option<Anchor<'_>>,
         noise_sigma: f64,
         capture: Timestamp,
+        calm: bool,
     ) -> Motion {
         match (self.state, anchor) {
-            (Motion::Standing, Some(_)) if self.compared.is_some_and(|c| is_soon(capture.seconds_since(c))) => {}
+            (Motion::Standing, Some(_)) if self.was_compared(capture, calm) => {}
             (Motion::Standing, Some(anchor)) => {
                 self.compared = Some(capture);
                 let c = self.compare(anchor, picture, ANCHOR_TOLERANCE_PX, noise_sigma, Some(LEFT_SHARE));
@@ -125,6 +124,13 @@ impl OwnMotion {
             }
         }
         self.state
+    }
+
+    /// Whether a standing robot was compared with its anchor a short while ago.
+    fn was_compared(&self, capture: Timestamp, calm: bool) -> bool {
+        // A robot that seems to have left is looked at again soon.
+        let spacing_s = if calm && self.count == 0 { COMPARE_CALM_S } else { COMPARE_S };
+        self.compared.is_some_and(|then| (0.0..spacing_s).contains(&capture.seconds_since(then)))
     }
 
     /// Whether the picture stands where the anchor was, but its light has changed.

@@ -204,6 +204,9 @@ impl Grouping {
     /// See [`group`].
     pub(super) fn group(&mut self, mask: &Marks, raster: &Raster, gap: [usize; 2], min_area: usize) -> Vec<Region> {
         find_runs(mask.words(), raster, &mut self.runs);
+        if self.runs.all.is_empty() {
+            return Vec::new();
+        }
         self.draw_squares(mask, raster, gap);
         find_runs(&self.squares, raster, &mut self.square_runs);
         let Self { runs, square_runs, parent, sizes, roots, columns, .. } = self;

@@ -82,6 +82,8 @@ pub struct Work {
     whole: bool,
     /// Whether the robot stands.
     steady: bool,
+    /// Whether little of what was looked at in this picture has changed.
+    calm: bool,
     /// Whether it was noted what the last picture showed.
     noted: bool,
     /// Of a row of cells: whether anything is marked.
@@ -108,6 +110,7 @@ impl Work {
             all_drawn: false,
             whole: true,
             steady: false,
+            calm: false,
             noted: false,
             any: Vec::new(),
         }
@@ -132,9 +135,20 @@ impl Work {
         self.steady
     }
 
+    /// Takes note whether little has changed of what was looked at in this picture.
+    pub(crate) fn set_calm(&mut self, calm: bool) {
+        self.calm = calm;
+    }
+
+    /// Whether this picture was looked at and shows what it showed, but for what people change.
+    pub(super) fn is_calm(&self) -> bool {
+        self.calm && !self.whole
+    }
+
     /// All of the next picture is worked.
     pub(super) fn plan_all(&mut self) {
         self.note_before();
+        self.calm = false;
         self.work_all();
     }
 
@@ -145,6 +159,7 @@ impl Work {
             return self.plan_all();
         }
         self.note_before();
+        self.calm = false;
         self.whole = false;
         self.rest = ((REST_S / spacing_s).round() as usize).clamp(1, MOST_REST);
         self.frame = (self.frame + 1) % self.rest;

@@ -150,7 +150,9 @@ impl Watch {
     fn look(&mut self, source: &[u8], work: &mut Work) {
         self.choose(|at| work.is_looked_at(at.column, at.band));
         let changed = self.look_at(source, work);
-        if changed as f64 > MANY * self.looked.len() as f64 {
+        let many = changed as f64 > MANY * self.looked.len() as f64;
+        work.set_calm(!many && !self.looked.is_empty());
+        if many {
             self.choose(|at| work.is_passed_over(at.column, at.band));
             self.look_at(source, work);
         }

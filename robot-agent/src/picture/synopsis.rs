@@ -11,6 +11,9 @@ use crate::tracking::TrackView;
 /// Most cut-outs kept; the oldest go first.
 pub const MAX_CUTOUTS: usize = 200;
 
+/// Pixels to which the room for a cut-out is rounded up.
+const ROOM: usize = 1024;
+
 /// Whether the object is pasted again: its box does not overlap the one last pasted.
 pub fn is_pasted(last: Option<&Patch>, now: &Patch, raster: &Raster) -> bool {
     last.is_none_or(|last| {
@@ -66,16 +69,15 @@ impl Cutout {
     /// The object at another instant.
     pub(crate) fn take(&mut self, scene: &Scene<'_>, patch: Patch) {
         self.patch = patch;
-        self.gray.clear();
-        self.mask.clear();
-        let width = scene.raster.width;
         // Over the seam in two pieces.
-        let first = patch.arc.width.min(width - patch.arc.start);
-        for row in patch.rows[0]..=patch.rows[1] {
-            for piece in [patch.arc.start..patch.arc.start + first, 0..patch.arc.width - first] {
-                let pixels = row * width + piece.start..row * width + piece.end;
-                self.gray.extend_from_slice(&scene.picture[pixels.clone()]);
-                self.mask.extend_from_slice(&scene.mask[pixels]);
+        let first = patch.arc.width.min(scene.raster.width - patch.arc.start);
+        let pieces = [patch.arc.start..patch.arc.start + first, 0..patch.arc.width - first];
+        for (from, to) in [(scene.picture, &mut self.gray), (scene.mask, &mut self.mask)] {
+            // Some room, so that a box that grows a little needs no more.
+            to.clear();
+            to.reserve(patch.area().next_multiple_of(ROOM));
+            for row in from.chunks_exact(scene.raster.width).take(patch.rows[1] + 1).skip(patch.rows[0]) {
+                pieces.iter().for_each(|piece| to.extend_from_slice(&row[piece.clone()]));
             }
         }
     }

@@ -5,6 +5,8 @@
 //! one of those that cover it. Templates are shifted, one after the other, to where both fit best; the prediction is a
 //! weak prior. A body whose columns are covered by others is not measured but only kept between them, and its sigma says so.
 
+use std::ops::RangeInclusive;
+
 use super::body::{BANDS, Strip};
 use crate::motion::Raster;
 use crate::motion::kernel::wide;
@@ -41,7 +43,7 @@ const CELLS_PER_UNIT: f32 = 4.0;
 
 /// More than rounding makes of a sum, and columns after which it is asked whether it is enough.
 const CLEARLY_MORE: f32 = 1.001;
-const STEP: i32 = 8;
+const STEP: usize = 8;
 
 /// Places the bodies in the region's strip.
 pub(super) fn place(region: &Strip, bodies: &[Sought<'_>], raster: &Raster) -> Vec<Placed> {
@@ -59,30 +61,31 @@ pub(super) fn place(region: &Strip, bodies: &[Sought<'_>], raster: &Raster) -> V
         .zip(bodies)
         .map(|(p, b)| clamp_inside(p.round() as i32, b.template.filled.len() as i32, width))
         .collect();
+    let mut rest = Rest::default();
     if n <= MAX_BODIES {
         // Coordinate descent; few rounds, for each one is exact in its coordinate.
         for _ in 0..3 {
             let before = starts.clone();
             for k in 0..n {
                 let reach = (3.0 * bodies[k].sigma).clamp(4.0, 24.0) as i32;
-                let mut best = (f32::INFINITY, starts[k]);
                 let centre = predicted[k].round() as i32;
-                let mut trial = starts.clone();
+                let candidates = centre - reach..=centre + reach;
+                rest.take(region, bodies, &starts, k, &candidates);
                 let pull_at = |candidate: i32| {
                     let pull = (f64::from(candidate) - predicted[k]) / bodies[k].sigma;
                     0.5 * (pull * pull) as f32
                 };
-                let candidates = centre - reach..=centre + reach;
+                let mut best = (f32::INFINITY, starts[k]);
                 // Where it was is near the best: what is clearly worse need not be known.
                 let mut limit = f32::INFINITY;
                 if candidates.contains(&starts[k]) {
-                    limit = misfit(region, bodies, &trial, f32::INFINITY) / CELLS_PER_UNIT + pull_at(starts[k]);
+                    let misfit = rest.misfit(bodies[k].template, starts[k], f32::INFINITY);
+                    limit = misfit / CELLS_PER_UNIT + pull_at(starts[k]);
                 }
                 for candidate in candidates {
-                    trial[k] = candidate;
                     let pull = pull_at(candidate);
                     let most = (limit.min(best.0) * CLEARLY_MORE - pull) * CELLS_PER_UNIT;
-                    let total = misfit(region, bodies, &trial, most) / CELLS_PER_UNIT + pull;
+                    let total = rest.misfit(bodies[k].template, candidate, most) / CELLS_PER_UNIT + pull;
                     if total < best.0 {
                         best = (total, candidate);
                     }
@@ -96,8 +99,10 @@ pub(super) fn place(region: &Strip, bodies: &[Sought<'_>], raster: &Raster) -> V
     }
     (0..n)
         .map(|k| {
+            rest.take(region, bodies, &starts, k, &(starts[k]..=starts[k]));
             let axis = raster.wrap_column(region.start as f64 + f64::from(starts[k]) + bodies[k].axis_offset);
-            Placed { axis, alone: share_alone(k, bodies, &starts), support: support(k, region, bodies, &starts) }
+            let support = rest.support(bodies[k].template, starts[k]);
+            Placed { axis, alone: share_alone(k, bodies, &starts), support }
         })
         .collect()
 }
@@ -110,43 +115,150 @@ fn clamp_inside(start: i32, len: i32, width: i32) -> i32 {
     start.clamp(-len / 2, (width - len / 2).max(-len / 2))
 }
 
-wide! {
-/// Cells that are filled in only one of region and union, and filled cells that look like none of those that cover them;
-/// some of them where there are more than `most`.
-fn misfit(region: &Strip, bodies: &[Sought<'_>], starts: &[i32], most: f32) -> f32 {
-    let width = region.filled.len() as i32;
-    let (mut first, mut last) = (0, width);
-    for (s, b) in starts.iter().zip(bodies) {
-        (first, last) = (first.min(*s), last.max(s + b.template.filled.len() as i32));
+/// A region beside what all bodies but one say of it.
+#[derive(Debug, Default)]
+struct Rest {
+    /// The region's column of the first of `columns`; these hold the region, all bodies, and that one wherever it may be.
+    first: i32,
+    columns: Vec<Column>,
+    /// What is wrong without that body in the columns before each one, and in all.
+    before: Vec<f32>,
+}
+
+/// A column of cells.
+#[derive(Debug, Clone, Copy)]
+struct Column {
+    /// Of the region: how full each cell is and how bright.
+    filled: [f32; BANDS],
+    gray: [f32; BANDS],
+    /// How full the bodies would make it, and how unlike them it is: infinite where none is.
+    filling: [f32; BANDS],
+    unlike: [f32; BANDS],
+}
+
+const NOTHING: Column = Column {
+    filled: [0.0; BANDS],
+    gray: [f32::INFINITY; BANDS],
+    filling: [0.0; BANDS],
+    unlike: [f32::INFINITY; BANDS],
+};
+
+impl Rest {
+    /// All `bodies` but `without` are at their `starts`; that one may be at one of the `candidates`.
+    fn take(
+        &mut self,
+        region: &Strip,
+        bodies: &[Sought<'_>],
+        starts: &[i32],
+        without: usize,
+        candidates: &RangeInclusive<i32>,
+    ) {
+        let (mut first, mut last) = (0, region.filled.len() as i32);
+        for (k, (body, start)) in bodies.iter().zip(starts).enumerate() {
+            let length = body.template.filled.len() as i32;
+            let places = if k == without { candidates.clone() } else { *start..=*start };
+            (first, last) = (first.min(*places.start()), last.max(places.end() + length));
+        }
+        self.first = first;
+        self.columns.clear();
+        self.columns.resize((last - first) as usize, NOTHING);
+        let inside = self.columns.iter_mut().skip(-first as usize);
+        for ((column, filled), gray) in inside.zip(&region.filled).zip(&region.gray) {
+            (column.filled, column.gray) = (*filled, *gray);
+        }
+        let others = bodies.iter().zip(starts).enumerate().filter(|(k, _)| *k != without);
+        for (_, (body, start)) in others {
+            cover(&mut self.columns[(start - first) as usize..], body.template);
+        }
+        self.before.clear();
+        add_up(&self.columns, &mut self.before);
     }
+
+    /// What is wrong with the body at a place; some of it where it is more than `most`.
+    fn misfit(&self, template: &Strip, start: i32, most: f32) -> f32 {
+        let from = (start - self.first) as usize;
+        let to = from + template.filled.len();
+        let elsewhere = self.wrong_without() - (self.before[to] - self.before[from]);
+        elsewhere + misfit_under(&self.columns[from..to], template, most - elsewhere)
+    }
+
+    /// What is wrong without the body.
+    fn wrong_without(&self) -> f32 {
+        self.before.last().copied().unwrap_or(0.0)
+    }
+
+    /// How much worse it is without the body, as a share of what it would fill.
+    fn support(&self, template: &Strip, start: i32) -> f64 {
+        let worse = self.wrong_without() - self.misfit(template, start, f32::INFINITY);
+        let fills: f32 = template.filled.iter().flatten().sum();
+        f64::from(worse / fills.max(1.0))
+    }
+}
+
+wide! {
+/// Puts a body into the first columns.
+fn cover(columns: &mut [Column], template: &Strip) {
+    for (column, (filled, gray)) in columns.iter_mut().zip(template.filled.iter().zip(&template.gray)) {
+        *column = column.covered(filled, gray);
+    }
+}
+}
+
+wide! {
+/// What is wrong in the columns before each one, and in all.
+fn add_up(columns: &[Column], before: &mut Vec<f32>) {
+    let mut sum = 0.0;
+    before.push(sum);
+    for column in columns {
+        sum += total(&column.wrong());
+        before.push(sum);
+    }
+}
+}
+
+wide! {
+/// What is wrong in columns with one more body in all of them; some of it where it is more than `most`.
+fn misfit_under(columns: &[Column], template: &Strip, most: f32) -> f32 {
     let mut sums = [0f32; BANDS];
-    for x in first..last {
-        if (x - first) % STEP == 0 && total(&sums) > most {
+    let bodies = template.filled.chunks(STEP).zip(template.gray.chunks(STEP));
+    for (columns, (filled, gray)) in columns.chunks(STEP).zip(bodies) {
+        if total(&sums) > most {
             break;
         }
-        let (mut filling, mut unlike) = ([0f32; BANDS], [f32::INFINITY; BANDS]);
-        let found = usize::try_from(x).ok().filter(|i| *i < region.filled.len());
-        let (filled, gray) = match found {
-            Some(i) => (&region.filled[i], &region.gray[i]),
-            None => (&[0.0; BANDS], &[f32::INFINITY; BANDS]),
-        };
-        for (s, b) in starts.iter().zip(bodies) {
-            let Ok(i) = usize::try_from(x - s) else { continue };
-            let (Some(f), Some(g)) = (b.template.filled.get(i), b.template.gray.get(i)) else { continue };
+        for (column, (filled, gray)) in columns.iter().zip(filled.iter().zip(gray)) {
+            let wrong = column.covered(filled, gray).wrong();
             for band in 0..BANDS {
-                filling[band] = filling[band].max(f[band]);
-                let difference = if f[band] > 0.2 { (gray[band] - g[band]).abs() } else { f32::INFINITY };
-                unlike[band] = unlike[band].min(difference);
+                sums[band] += wrong[band];
             }
-        }
-        for band in 0..BANDS {
-            let covered = (filled[band] > 0.2) & unlike[band].is_finite();
-            let strange = filled[band] * (unlike[band] / GRAY_SCALE).min(1.0);
-            sums[band] += (filled[band] - filling[band]).abs() + if covered { strange } else { 0.0 };
         }
     }
     total(&sums)
 }
+}
+
+impl Column {
+    /// With one more body in it.
+    #[inline(always)]
+    fn covered(&self, filled: &[f32; BANDS], gray: &[f32; BANDS]) -> Self {
+        let mut column = *self;
+        for band in 0..BANDS {
+            column.filling[band] = column.filling[band].max(filled[band]);
+            let difference = if filled[band] > 0.2 { (self.gray[band] - gray[band]).abs() } else { f32::INFINITY };
+            column.unlike[band] = column.unlike[band].min(difference);
+        }
+        column
+    }
+
+    /// How much of each cell is filled in only one of region and union, or looks like none of those that cover it.
+    #[inline(always)]
+    fn wrong(&self) -> [f32; BANDS] {
+        std::array::from_fn(|band| {
+            let (filled, unlike) = (self.filled[band], self.unlike[band]);
+            let covered = (filled > 0.2) & unlike.is_finite();
+            let strange = filled * (unlike / GRAY_SCALE).min(1.0);
+            (filled - self.filling[band]).abs() + if covered { strange } else { 0.0 }
+        })
+    }
 }
 
 #[inline(always)]
@@ -156,16 +268,6 @@ fn total(sums: &[f32; BANDS]) -> f32 {
         total += sum;
     }
     total
-}
-
-fn support(k: usize, region: &Strip, bodies: &[Sought<'_>], starts: &[i32]) -> f64 {
-    let others: Vec<usize> = (0..bodies.len()).filter(|&j| j != k).collect();
-    let without: Vec<Sought<'_>> = others.iter().map(|&j| bodies[j].clone()).collect();
-    let their_starts: Vec<i32> = others.iter().map(|&j| starts[j]).collect();
-    let whole = f32::INFINITY;
-    let worse = misfit(region, &without, &their_starts, whole) - misfit(region, bodies, starts, whole);
-    let fills: f32 = bodies[k].template.filled.iter().flatten().sum();
-    f64::from(worse / fills.max(1.0))
 }
 
 fn share_alone(k: usize, bodies: &[Sought<'_>], starts: &[i32]) -> f64 {
