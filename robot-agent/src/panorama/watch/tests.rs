@@ -1,4 +1,5 @@
 use nalgebra::Vector2;
+use protocol::message::Motion;
 use protocol::time::Timestamp;
 use rand::{Rng, SeedableRng};
 
@@ -193,4 +194,39 @@ fn what_rests_shows_what_is_there() {
 fn where_all_is_another_light_all_is_worked() {
     let frames = both(130, 4, |frame| (Vec::new(), if frame < 110 { 1.0 } else { 0.9 }));
     assert_eq!(frames[30].2, 1.0);
+}
+
+/// What the camera sees of a wallpaper, the robot turned by so many columns.
+fn wallpaper(turned: f64, rng: &mut rand_chacha::ChaCha8Rng) -> Vec<u8> {
+    let level = |i: usize| {
+        let (x, y) = ((i % SIDE) as f64 - CENTRE, (i / SIDE) as f64 - CENTRE);
+        let u = (y.atan2(x) / std::f64::consts::TAU).rem_euclid(1.0) * WIDTH as f64 - 0.5;
+        let waves = std::f64::consts::TAU / WIDTH as f64;
+        110.0 + 25.0 * (31.0 * waves * (u + turned)).sin() + 15.0 * (47.0 * waves * (u + turned)).cos()
+    };
+    let noise = |rng: &mut rand_chacha::ChaCha8Rng| {
+        (0..4).map(|_| f64::from(rng.next_u32() >> 16) / 65536.0 - 0.5).sum::<f64>()
+    };
+    (0..SIDE * SIDE).map(|i| (level(i) + 3.0 * noise(rng)).round().clamp(0.0, 255.0) as u8).collect()
+}
+
+#[test]
+fn a_robot_that_turns_is_noticed_at_once_however_seldom_it_is_asked_while_nothing_changes() {
+    // Columns from frame to frame, and frames in which it must be noticed: half a column from where it stood is still vibration.
+    for (columns, most, rate_hz) in [(2.0, 3, 10.0), (0.4, 5, 10.0), (2.0, 5, 25.0)] {
+        let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(21);
+        let mut eye = Eye::new(true);
+        let at = |frame: usize| Timestamp::from_secs_f64(1.0 + frame as f64 / rate_hz);
+        let still = (4.0 * rate_hz) as usize;
+        for frame in 0..still {
+            eye.see(&wallpaper(0.0, &mut rng), at(frame));
+        }
+        assert!(!eye.stage.work().is_whole(), "it rests before it turns");
+        let noticed = (1..=most).find(|n| {
+            let picture = wallpaper(columns * *n as f64, &mut rng);
+            eye.watch.unwarp(&eye.lut, &picture, eye.stage.next_drawing(false)).unwrap();
+            eye.stage.change_drawn(at(still + n)).motion != Motion::Standing
+        });
+        assert!(noticed.is_some(), "{columns} columns a frame at {rate_hz} Hz");
+    }
 }
