@@ -25,7 +25,7 @@ use super::edges::{EdgeFit, Side};
 use super::look::{CylinderLook, PlateLook};
 use super::rays::{PixelRays, Sample};
 use super::search::Grid;
-use super::verdict::{Fit, Fits, LEAST_LOG_ODDS, Traits};
+use super::verdict::{Basis, Fit, Fits, LEAST_LOG_ODDS, Traits};
 use super::{Find, Peer, PeerFeature};
 use crate::optics::MountedCamera;
 use ends::side_sigma;
@@ -123,6 +123,13 @@ impl Posed {
         self.is_torn = true;
         self
     }
+
+    /// Half hidden, or whole and at odds with its plane, which is as uncertain as that says.
+    fn or_whole(self, whole: &Self) -> Self {
+        let chi2 = self.chi2;
+        let whole = Self { covariance: whole.covariance * whole.chi2.max(1.0), ..*whole };
+        Self { chi2, ..self.or_as_likely(&whole) }
+    }
 }
 
 impl PlateFinder {
@@ -169,8 +176,9 @@ impl PlateFinder {
                 true => (c, OTHER_TURNS.as_slice()),
                 false => (PlateCandidate { turn_rad: 0.0, ..c }, TURNS.as_slice()),
             }));
-            candidates.extend(self.edge_search.run(panorama).into_iter().map(|c| (c, [0.0].as_slice())));
         }
+        let by_edge = panorama.map_or(Vec::new(), |panorama| self.edge_search.run(panorama));
+        candidates.extend(by_edge.iter().map(|c| (*c, [0.0].as_slice())));
         let mut found: Vec<Find> = Vec::new();
         for (candidate, turns) in candidates {
             if !self.is_found(&found, &candidate) {
@@ -178,7 +186,9 @@ impl PlateFinder {
                 self.take(&mut found, fit);
             }
         }
-        for candidate in panorama.map_or(Vec::new(), |panorama| self.end_search.run(panorama)) {
+        // Above the edge between two stripes is the upper end, which may be measured where that edge cannot.
+        let by_end = panorama.map_or(Vec::new(), |panorama| self.end_search.run(panorama));
+        for candidate in by_end.into_iter().chain(by_edge) {
             if !self.is_found(&found, &candidate) {
                 let [by_stripes, by_end] = self.look_at_end(camera, rays, raw, &candidate);
                 let is_found = by_stripes.as_ref().is_some_and(|fit| fit.is_taken);
@@ -199,10 +209,12 @@ impl PlateFinder {
         })
     }
 
-    /// Keeps a fit that may be a robot, unless it is there already, beyond doubt or likelier.
+    /// Keeps a fit that may be a robot, unless it is there already and likelier; what is there beyond doubt gives way to stripes alone,
+    /// which measure better than an upper end.
     fn take(&mut self, found: &mut Vec<Find>, fit: Option<Fit>) {
         let Some(fit) = fit else { return };
         self.fits.keep(&fit);
+        let is_by_stripes = fit.traits.basis == Basis::Stripes;
         let (log_odds, peer) = (fit.traits.log_odds(), fit.peer);
         let is_beside = |f: &Find| difference(f.peer.bearing_rad, peer.bearing_rad).abs() * peer.range_m < 0.2;
         let beside = found.iter().position(is_beside);
@@ -210,7 +222,9 @@ impl PlateFinder {
         match beside {
             _ if log_odds < POSSIBLE_LOG_ODDS => {}
             None if found.len() < MAX_PEERS => found.push(find),
-            Some(i) if found[i].log_odds < LEAST_LOG_ODDS && log_odds > found[i].log_odds => found[i] = find,
+            Some(i) if log_odds > found[i].log_odds && (is_by_stripes || found[i].log_odds < LEAST_LOG_ODDS) => {
+                found[i] = find;
+            }
             _ => {}
         }
     }
@@ -239,13 +253,25 @@ impl PlateFinder {
             // Stripes tell more, now that it is known where to begin.
             let few = self.few(&samples, bearing, distance);
             let by_stripes = self.fit(&few, fit.plane, bearing).and_then(|fit| self.by_stripes(camera, &samples, &fit));
-            [by_stripes, self.by_upper_end(camera, &samples, fit)]
+            [by_stripes, self.by_upper_end(camera, &samples, fit, self.ends_of(candidate))]
         });
         self.samples = samples;
         fits
     }
 
-    fn by_upper_end(&self, camera: &MountedCamera, samples: &[Sample], mut fit: PlaneFit) -> Option<Fit> {
+    /// Bearings of the right and the left end of a plate that was searched for.
+    fn ends_of(&self, candidate: &PlateCandidate) -> [f64; 2] {
+        let across = search::across(candidate.distance_m, 0.5 * self.look.width_m, candidate.turn_rad);
+        [-1.0, 1.0].map(|share| wrap(candidate.bearing_rad + across(share).0))
+    }
+
+    fn by_upper_end(
+        &self,
+        camera: &MountedCamera,
+        samples: &[Sample],
+        mut fit: PlaneFit,
+        searched_rad: [f64; 2],
+    ) -> Option<Fit> {
         let mounting = camera.mounting().sigma;
         let tilt = mounting.rotation_rpy_rad[0].max(mounting.rotation_rpy_rad[1]);
         let rise = (self.pillar.high_m() - camera.viewpoint_body_m().z).abs();
@@ -262,9 +288,9 @@ impl PlateFinder {
         let posed = match side {
             SideShown::By { sign, .. } => {
                 fit.sign = sign;
-                self.between_sides(samples, &fit, &plane_covariance)?
+                self.between_sides(samples, &fit, &plane_covariance, Some(searched_rad))?
             }
-            SideShown::Unseen => self.of_either_side(samples, &fit, &plane_covariance)?,
+            SideShown::Unseen => self.of_either_side(samples, &fit, &plane_covariance, searched_rad)?,
             SideShown::Neither => return None,
         };
         if posed.chi2.is_nan() || posed.chi2 > WORST_CHI2 {
@@ -321,20 +347,40 @@ impl PlateFinder {
     }
 
     fn by_stripes(&self, camera: &MountedCamera, samples: &[Sample], fit: &PlaneFit) -> Option<Fit> {
-        let middle = wrap(fit.seen_rad[0] + 0.5 * difference(fit.seen_rad[1], fit.seen_rad[0]));
         let mounting = camera.mounting().sigma;
         let tilt = mounting.rotation_rpy_rad[0].max(mounting.rotation_rpy_rad[1]);
         let edges = self.edges_in_view(samples, fit);
         let height_m = camera.viewpoint_body_m().z;
         let height_sigma_m = mounting.position_m.z.hypot(tilt * fit.plane.c).hypot(HEIGHT_FLOOR_M);
-        let (fit, height) = &match edges[..] {
+        let announced = |lone: f64| (Self::by_height(fit, lone, height_m, height_sigma_m), Height::Announced);
+        let planes = match edges[..] {
             [] => return None,
             [lone] => match self.with_end(samples, fit, lone, height_m) {
-                Some(fit) => (fit, Height::ByEnd),
-                None => (Self::by_height(fit, lone, height_m, height_sigma_m), Height::Announced),
+                Some(fit) => vec![(fit, Height::ByEnd), announced(lone)],
+                None => vec![announced(lone)],
             },
-            _ => (fit.clone(), Height::ByStripes),
+            _ => vec![(fit.clone(), Height::ByStripes)],
         };
+        let mut best: Option<Fit> = None;
+        for (fit, height) in planes {
+            // What ends near the upper end may be something behind a plate whose upper stripe is as dark or as bright.
+            if best.as_ref().is_none_or(|best| !best.is_taken) {
+                best = likelier(best, self.by_plane(camera, samples, &fit, height, (height_sigma_m, tilt)));
+            }
+        }
+        best
+    }
+
+    /// The plate in the plane of its stripes. Sigmas are of the camera's height over the plate's floor, metres, and of its tilt.
+    fn by_plane(
+        &self,
+        camera: &MountedCamera,
+        samples: &[Sample],
+        fit: &PlaneFit,
+        height: Height,
+        (height_sigma_m, tilt): (f64, f64),
+    ) -> Option<Fit> {
+        let middle = wrap(fit.seen_rad[0] + 0.5 * difference(fit.seen_rad[1], fit.seen_rad[0]));
         let height_chi2 = (fit.plane.lower_m / height_sigma_m).powi(2);
         if difference(fit.plane.alpha, middle).abs() > MOST_TURN_RAD || !fit.is_flat() || height_chi2 > WORST_CHI2 {
             return None;
@@ -343,11 +389,11 @@ impl PlateFinder {
         let c_floor = PLANE_FLOOR[0] * fit.plane.c + tilt * fit.plane.c;
         let plane_covariance =
             fit.covariance + Matrix2::new(PLANE_FLOOR[1].powi(2) * 16.0, 0.0, 0.0, c_floor * c_floor);
-        let posed = self.between_sides(samples, fit, &plane_covariance)?;
+        let posed = self.between_sides(samples, fit, &plane_covariance, None)?;
         if posed.chi2.is_nan() || posed.chi2 > WORST_CHI2 {
             return None;
         }
-        let traits = self.stripe_traits(samples, fit, &posed, (*height, height_chi2));
+        let traits = self.stripe_traits(samples, fit, &posed, (height, height_chi2));
         self.sighted(camera, fit, &posed, (&plane_covariance, c_floor), traits)
     }
 
@@ -417,10 +463,19 @@ impl PlateFinder {
     }
 
     /// The pose between two sides. Where the background goes on with a stripe, the run of columns ends too late: then one side is
-    /// where the width puts it beside the other.
-    fn between_sides(&self, samples: &[Sample], fit: &PlaneFit, plane_covariance: &Matrix2<f64>) -> Option<Posed> {
-        let [right, left] = [(Side::Right, fit.seen_rad[0]), (Side::Left, fit.seen_rad[1])]
-            .map(|(s, at)| self.side(samples, fit, s, at));
+    /// where the width puts it beside the other. Where it is as dark or as bright as the plate, the run ends too early: then a side is
+    /// looked for where the search had it (`searched_rad`: right, left).
+    fn between_sides(
+        &self,
+        samples: &[Sample],
+        fit: &PlaneFit,
+        plane_covariance: &Matrix2<f64>,
+        searched_rad: Option<[f64; 2]>,
+    ) -> Option<Posed> {
+        let [right, left] = [(Side::Right, 0), (Side::Left, 1)].map(|(side, k)| {
+            let by_run = self.side(samples, fit, side, fit.seen_rad[k]);
+            by_run.or_else(|| self.side(samples, fit, side, searched_rad?[k]))
+        });
         let along = Vector2::new(-fit.plane.alpha.sin(), fit.plane.alpha.cos()) * self.look.width_m;
         let beside = |at: f64, sign: f64| {
             let p = Vector2::new(at.cos(), at.sin()) * fit.plane.distance(at) + sign * along;
@@ -446,7 +501,11 @@ impl PlateFinder {
         if posed.first().is_none_or(|best| best.chi2 > NARROW_CHI2)
             && let Some(narrow) = narrow()
         {
-            return Some(narrow);
+            // A whole plate looks narrow, too, where its plane is a little too near.
+            return Some(match posed.first().filter(|whole| whole.chi2 <= WORST_CHI2) {
+                Some(whole) => narrow.or_whole(whole),
+                None => narrow,
+            });
         }
         let mut rest = posed.into_iter();
         let mut best = rest.next()?;
@@ -541,5 +600,42 @@ impl PlateFinder {
         }
         let (chi2, covariance) = solved?;
         Some(Posed { chi2, pose, covariance, right, left, is_torn: false, has_heading: true, shown: 1.0 })
+    }
+}
+
+/// Of two fits to one plate the likelier one.
+fn likelier(one: Option<Fit>, other: Option<Fit>) -> Option<Fit> {
+    match (one, other) {
+        (Some(one), Some(other)) => Some(if other.traits.log_odds() > one.traits.log_odds() { other } else { one }),
+        (one, other) => one.or(other),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// At a distance ahead that is right to a centimetre.
+    fn posed(ahead_m: f64, chi2: f64) -> Posed {
+        let side = (0.0, EdgeFit { outwards_rad: 0.0, sigma_rad: 1e-3, agreement: 1.0, rows: 20, px_per_rad: 170.0 });
+        Posed {
+            chi2,
+            pose: Vector3::new(ahead_m, 0.0, 0.0),
+            covariance: Matrix3::identity() * 1e-4,
+            right: side,
+            left: side,
+            is_torn: false,
+            has_heading: true,
+            shown: 0.9,
+        }
+    }
+
+    #[test]
+    fn a_plate_half_hidden_or_whole_with_a_wrong_plane_is_within_its_sigmas_either_way() {
+        let both = posed(1.05, 0.5).or_whole(&posed(1.12, 16.0));
+        for truth_m in [1.05, 1.12] {
+            assert!((both.pose[0] - truth_m).abs() < 1.5 * both.covariance[(0, 0)].sqrt(), "{}", both.pose[0]);
+        }
+        assert!(both.is_torn && (both.chi2 - 0.5).abs() < 1e-12);
     }
 }

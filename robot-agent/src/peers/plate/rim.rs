@@ -41,8 +41,9 @@ const STRAIGHT: f64 = 0.06;
 const DECIDING_COLUMNS: usize = 5;
 /// A side is seen by at least this share of them: a mast before the plate may hide the others.
 const LEAST_SAME_SIDE: f64 = 0.4;
-/// With one stripe in view a plate must be within these bounds (nearer than 0.6 m from axis to axis are no robots), metres.
-const EITHER_SIDE_M: std::ops::Range<f64> = 0.4..1.0;
+/// With one stripe in view a robot, midway between what front and back would mean, must be within these bounds (nearer than 0.6 m from
+/// axis to axis are none), metres. A turned plate's plane is nearer.
+const EITHER_SIDE_M: std::ops::Range<f64> = 0.5..1.0;
 /// Paint is as even as this share of the contrast, or as noise; looked at so far from its borders, in so many pixels at least.
 const UNEVEN: f64 = 0.2;
 const PAINT_MARGIN_PX: f64 = 2.5;
@@ -234,12 +235,16 @@ impl PlateFinder {
         samples: &[Sample],
         fit: &PlaneFit,
         plane_covariance: &Matrix2<f64>,
+        searched_rad: [f64; 2],
     ) -> Option<Posed> {
-        if !EITHER_SIDE_M.contains(&fit.plane.c) {
+        let of = |sign: f64| {
+            let fit = PlaneFit { sign, ..fit.clone() };
+            self.between_sides(samples, &fit, plane_covariance, Some(searched_rad))
+        };
+        let mut posed = of(1.0)?.or_as_likely(&of(-1.0)?);
+        if !EITHER_SIDE_M.contains(&posed.pose[0].hypot(posed.pose[1])) {
             return None;
         }
-        let of = |sign: f64| self.between_sides(samples, &PlaneFit { sign, ..fit.clone() }, plane_covariance);
-        let mut posed = of(1.0)?.or_as_likely(&of(-1.0)?);
         posed.has_heading = false;
         posed.covariance += Matrix3::from_diagonal(&Vector3::new(1.0, 1.0, 0.0)) * EITHER_SIDE_SIGMA_M.powi(2);
         Some(posed)
