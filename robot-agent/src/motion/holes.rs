@@ -6,7 +6,7 @@
 
 use std::ops::Range;
 
-use super::marks::{WORD, bits_between};
+use super::marks::{WORD, bits_between, mark_between};
 use super::raster::Raster;
 use super::regions::{Region, Run};
 
@@ -53,13 +53,13 @@ impl Holes {
         self.above.resize(words, 0);
         let mut runs = Vec::with_capacity(region.runs.len());
         runs.extend_from_slice(&region.runs[..first]);
-        region.runs[..first].iter().for_each(|run| mark(&mut self.above, columns_of(run)));
+        region.runs[..first].iter().for_each(|run| mark_between(&mut self.above, columns_of(run)));
         let mut gaps = 0;
         for row_runs in region.runs[first..end].chunk_by(|a, b| a.row == b.row) {
             let row = row_runs[0].row;
             if let [run] = row_runs {
                 runs.push(*run);
-                mark(&mut self.above, columns_of(run));
+                mark_between(&mut self.above, columns_of(run));
                 continue;
             }
             let first = runs.len();
@@ -85,7 +85,7 @@ impl Holes {
             }
             join_neighbours(&mut runs, first);
             for run in row_runs {
-                mark(&mut self.above, columns_of(run));
+                mark_between(&mut self.above, columns_of(run));
             }
         }
         runs.extend_from_slice(&region.runs[end..]);
@@ -149,7 +149,7 @@ impl Holes {
         self.below.resize((rows + 1) * words, 0);
         for run in runs {
             let row = (run.row - first.row) as usize;
-            mark(&mut self.below[row * words..][..words], columns_of(run));
+            mark_between(&mut self.below[row * words..][..words], columns_of(run));
         }
         for i in (0..rows * words).rev() {
             self.below[i] |= self.below[i + words];
@@ -179,13 +179,6 @@ fn pieces(mut row: u64) -> impl Iterator<Item = u64> {
         row &= !piece;
         (piece != 0).then_some(piece)
     })
-}
-
-/// Marks some columns.
-fn mark(row: &mut [u64], columns: Range<usize>) {
-    for (w, word) in row.iter_mut().enumerate().take(columns.end.div_ceil(WORD)).skip(columns.start / WORD) {
-        *word |= bits_between(w, columns.start, columns.end);
-    }
 }
 
 /// Puts the runs of one row, from `first` on, in order; neighbours become one.

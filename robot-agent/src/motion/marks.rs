@@ -2,6 +2,8 @@
 //!
 //! Each row begins with a word of its own. Bit i of word w is column 64·w + i; bits beyond the last column are 0.
 
+use std::ops::Range;
+
 use super::kernel;
 use super::raster::Raster;
 
@@ -87,6 +89,14 @@ pub(super) fn bits_between(w: usize, from: usize, to: usize) -> u64 {
         n => (1 << n) - 1,
     };
     below(to) & !below(from)
+}
+
+/// Marks some columns of a row of words.
+#[inline]
+pub(super) fn mark_between(row: &mut [u64], columns: Range<usize>) {
+    for (w, word) in row.iter_mut().enumerate().take(columns.end.div_ceil(WORD)).skip(columns.start / WORD) {
+        *word |= bits_between(w, columns.start, columns.end);
+    }
 }
 
 #[cfg(test)]

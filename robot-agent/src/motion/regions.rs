@@ -8,7 +8,7 @@
 use std::ops::Range;
 
 use super::kernel;
-use super::marks::{Marks, WORD, bits_between};
+use super::marks::{Marks, WORD, mark_between};
 use super::raster::{Arc, Raster};
 
 /// Most runs looked at in one mask; later ones (lower in the picture) are left out.
@@ -93,7 +93,7 @@ impl Region {
         columns.resize(raster.width.div_ceil(WORD), 0);
         let mut sums = Sums::default();
         for r in &runs {
-            mark_columns(columns, r.start as usize, (r.start + r.len) as usize);
+            mark_between(columns, r.start as usize..(r.start + r.len) as usize);
             sums.add(r);
         }
         let arc = covering_arc(columns, raster);
@@ -387,13 +387,6 @@ fn join(parent: &mut [u32], a: u32, b: u32) -> u32 {
     let (root, other) = (a.min(b), a.max(b));
     parent[other as usize] = root;
     root
-}
-
-/// Marks some columns, 64 a word.
-fn mark_columns(columns: &mut [u64], start: usize, end: usize) {
-    for (w, word) in columns.iter_mut().enumerate().take(end.div_ceil(WORD)).skip(start / WORD) {
-        *word |= bits_between(w, start, end);
-    }
 }
 
 /// The first column from `from` on that is marked, or that is not; the width where there is none.

@@ -148,7 +148,6 @@ impl Work {
     /// All of the next picture is worked.
     pub(super) fn plan_all(&mut self) {
         self.note_before();
-        self.calm = false;
         self.work_all();
     }
 

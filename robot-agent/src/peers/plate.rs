@@ -177,8 +177,8 @@ impl PlateFinder {
                 false => (PlateCandidate { turn_rad: 0.0, ..c }, TURNS.as_slice()),
             }));
         }
-        let by_edge = panorama.map_or(Vec::new(), |panorama| self.edge_search.run(panorama));
-        candidates.extend(by_edge.iter().map(|c| (*c, [0.0].as_slice())));
+        let edges = panorama.map_or(Vec::new(), |panorama| self.edge_search.run(panorama));
+        candidates.extend(edges.iter().map(|c| (*c, [0.0].as_slice())));
         let mut found: Vec<Find> = Vec::new();
         for (candidate, turns) in candidates {
             if !self.is_found(&found, &candidate) {
@@ -187,8 +187,8 @@ impl PlateFinder {
             }
         }
         // Above the edge between two stripes is the upper end, which may be measured where that edge cannot.
-        let by_end = panorama.map_or(Vec::new(), |panorama| self.end_search.run(panorama));
-        for candidate in by_end.into_iter().chain(by_edge) {
+        let ends = panorama.map_or(Vec::new(), |panorama| self.end_search.run(panorama));
+        for candidate in ends.into_iter().chain(edges) {
             if !self.is_found(&found, &candidate) {
                 let [by_stripes, by_end] = self.look_at_end(camera, rays, raw, &candidate);
                 let is_found = by_stripes.as_ref().is_some_and(|fit| fit.is_taken);
@@ -362,10 +362,16 @@ impl PlateFinder {
             _ => vec![(fit.clone(), Height::ByStripes)],
         };
         let mut best: Option<Fit> = None;
-        for (fit, height) in planes {
-            // What ends near the upper end may be something behind a plate whose upper stripe is as dark or as bright.
-            if best.as_ref().is_none_or(|best| !best.is_taken) {
-                best = likelier(best, self.by_plane(camera, samples, &fit, height, (height_sigma_m, tilt)));
+        // What ends near the upper end may be something behind a plate whose upper stripe is as dark or as bright.
+        for (plane, height) in planes {
+            if let Some(fit) = self.by_plane(camera, samples, &plane, height, (height_sigma_m, tilt))
+                && best.as_ref().is_none_or(|best| fit.traits.log_odds() > best.traits.log_odds())
+            {
+                let is_taken = fit.is_taken;
+                best = Some(fit);
+                if is_taken {
+                    break;
+                }
             }
         }
         best
@@ -600,14 +606,6 @@ impl PlateFinder {
         }
         let (chi2, covariance) = solved?;
         Some(Posed { chi2, pose, covariance, right, left, is_torn: false, has_heading: true, shown: 1.0 })
-    }
-}
-
-/// Of two fits to one plate the likelier one.
-fn likelier(one: Option<Fit>, other: Option<Fit>) -> Option<Fit> {
-    match (one, other) {
-        (Some(one), Some(other)) => Some(if other.traits.log_odds() > one.traits.log_odds() { other } else { one }),
-        (one, other) => one.or(other),
     }
 }
 

@@ -31,13 +31,23 @@ struct Walker {
 const ROWS: [f64; 2] = [40.0, 100.0];
 const HALF_WIDTH: f64 = 10.0;
 
+/// Column and row of the panorama in which a pixel of the picture is seen.
+fn on_ring(i: usize) -> [f64; 2] {
+    let (x, y) = ((i % SIDE) as f64 - CENTRE, (i / SIDE) as f64 - CENTRE);
+    let u = (y.atan2(x) / std::f64::consts::TAU).rem_euclid(1.0) * WIDTH as f64 - 0.5;
+    [u, (RADII[1] - x.hypot(y)) / (RADII[1] - RADII[0]) * HEIGHT as f64 - 0.5]
+}
+
+/// Four uniform numbers have a variance of a third.
+fn noise(sigma: f64, rng: &mut rand_chacha::ChaCha8Rng) -> f64 {
+    (0..4).map(|_| f64::from(rng.next_u32() >> 16) / 65536.0 - 0.5).sum::<f64>() * sigma * 3f64.sqrt()
+}
+
 /// What the camera sees, with noise of `sigma` grey levels; `light` times as bright.
 fn picture(walkers: &[Walker], light: f64, sigma: f64, rng: &mut rand_chacha::ChaCha8Rng) -> Vec<u8> {
     let mut gray = Vec::with_capacity(SIDE * SIDE);
     for i in 0..SIDE * SIDE {
-        let (x, y) = ((i % SIDE) as f64 - CENTRE, (i / SIDE) as f64 - CENTRE);
-        let u = (y.atan2(x) / std::f64::consts::TAU).rem_euclid(1.0) * WIDTH as f64 - 0.5;
-        let v = (RADII[1] - x.hypot(y)) / (RADII[1] - RADII[0]) * HEIGHT as f64 - 0.5;
+        let [u, v] = on_ring(i);
         let mut level = 110.0 + 4.0 * (u / 17.0).sin() * (v / 11.0).cos();
         for walker in walkers {
             let apart = (u - walker.column + WIDTH as f64 / 2.0).rem_euclid(WIDTH as f64) - WIDTH as f64 / 2.0;
@@ -46,9 +56,7 @@ fn picture(walkers: &[Walker], light: f64, sigma: f64, rng: &mut rand_chacha::Ch
                 level = 110.0 - walker.contrast + 7.0 * u.sin() * v.sin();
             }
         }
-        // Four uniform numbers have a variance of a third.
-        let noise = (0..4).map(|_| f64::from(rng.next_u32() >> 16) / 65536.0 - 0.5).sum::<f64>() * sigma * 3f64.sqrt();
-        gray.push((level * light + noise).round().clamp(0.0, 255.0) as u8);
+        gray.push((level * light + noise(sigma, rng)).round().clamp(0.0, 255.0) as u8);
     }
     gray
 }
@@ -199,15 +207,10 @@ fn where_all_is_another_light_all_is_worked() {
 /// What the camera sees of a wallpaper, the robot turned by so many columns.
 fn wallpaper(turned: f64, rng: &mut rand_chacha::ChaCha8Rng) -> Vec<u8> {
     let level = |i: usize| {
-        let (x, y) = ((i % SIDE) as f64 - CENTRE, (i / SIDE) as f64 - CENTRE);
-        let u = (y.atan2(x) / std::f64::consts::TAU).rem_euclid(1.0) * WIDTH as f64 - 0.5;
-        let waves = std::f64::consts::TAU / WIDTH as f64;
-        110.0 + 25.0 * (31.0 * waves * (u + turned)).sin() + 15.0 * (47.0 * waves * (u + turned)).cos()
+        let angle = std::f64::consts::TAU * (on_ring(i)[0] + turned) / WIDTH as f64;
+        110.0 + 25.0 * (31.0 * angle).sin() + 15.0 * (47.0 * angle).cos()
     };
-    let noise = |rng: &mut rand_chacha::ChaCha8Rng| {
-        (0..4).map(|_| f64::from(rng.next_u32() >> 16) / 65536.0 - 0.5).sum::<f64>()
-    };
-    (0..SIDE * SIDE).map(|i| (level(i) + 3.0 * noise(rng)).round().clamp(0.0, 255.0) as u8).collect()
+    (0..SIDE * SIDE).map(|i| (level(i) + noise(3f64.sqrt(), rng)).round().clamp(0.0, 255.0) as u8).collect()
 }
 
 #[test]
