@@ -19,7 +19,7 @@ use std::process::ExitCode;
 
 use clap::{Parser, Subcommand, ValueEnum};
 use robot_agent::agent::Frame;
-use robot_agent::capture::{self, CaptureOptions, FrameSource};
+use robot_agent::capture::{self, CaptureError, CaptureOptions, FrameSource};
 use robot_agent::optics::MountedCamera;
 use serde_json::{Value, json};
 use tracing_subscriber::EnvFilter;
@@ -133,26 +133,37 @@ fn check_frame_rate(frame_rate_hz: Option<f64>) -> Result<(), Failure> {
     }
 }
 
-/// Prints a JSON line for each frame: `line(index, seconds since the first, frame)`. A frame that cannot be read has a line too,
-/// with the error and an empty list of `what`; not one frame that can be is an error.
-fn print_lines(
-    input: &Path,
-    source: &mut dyn FrameSource,
-    what: &str,
-    mut line: impl FnMut(u64, f64, &Frame) -> Result<Value, Failure>,
-) -> Result<(), Failure> {
+/// Makes the JSON line of each frame.
+trait Lines {
+    /// Of a frame, so many seconds since the first.
+    fn of_frame(&mut self, index: u64, time_s: f64, frame: &Frame) -> Result<Value, Failure>;
+
+    /// The same of one that cannot be used: what is in every line but for the number, the time and the error.
+    fn of_bad_frame(&mut self, index: u64) -> Result<Value, Failure>;
+}
+
+/// Prints a JSON line for each frame. One that cannot be used has a line too, with the error; the first is logged, all are counted,
+/// and not one frame that can be used is an error.
+fn print_lines(input: &Path, source: &mut dyn FrameSource, lines: &mut impl Lines) -> Result<(), Failure> {
     let mut output = io::stdout().lock();
     let (mut index, mut first, mut bad) = (0u64, None, 0u64);
     while let Some(frame) = source.next_frame() {
         let line = match frame {
             Ok(frame) => {
                 let first = *first.get_or_insert(frame.capture);
-                line(index, frame.capture.seconds_since(first), &frame)?
+                lines.of_frame(index, frame.capture.seconds_since(first), &frame)?
             }
             Err(error) => {
                 bad += 1;
-                tracing::warn!("frame {index}: {error}");
-                json!({ "frame": index, "time_s": null, "error": error.to_string(), what: [] })
+                match bad {
+                    1 => tracing::warn!("frame {index}: {error}"),
+                    _ => tracing::debug!("frame {index}: {error}"),
+                }
+                let mut line = lines.of_bad_frame(index)?;
+                line["frame"] = json!(index);
+                line["time_s"] = Value::Null;
+                line["error"] = json!(error.to_string());
+                line
             }
         };
         writeln!(output, "{line}")?;
@@ -160,6 +171,9 @@ fn print_lines(
     }
     if index == bad {
         return Err(Failure::job(format!("{}: not one frame could be used", input.display())));
+    }
+    if bad > 0 {
+        tracing::warn!("{}: {bad} of {index} frames could not be used", input.display());
     }
     Ok(())
 }
@@ -180,10 +194,12 @@ fn open_frames(
 
 /// A source of frames; a camera's are stamped by the camera file's `[timing]`.
 fn open_source(input: &Path, options: CaptureOptions, camera: &MountedCamera) -> Result<Box<dyn FrameSource>, Failure> {
-    if !capture::is_camera(input) {
-        return capture::open(input, options).map_err(Failure::job);
-    }
-    capture::open_camera(input, options, *camera.timing())
-        .map(|c| Box::new(c) as Box<dyn FrameSource>)
-        .map_err(Failure::job)
+    let opened = match capture::is_camera(input) {
+        false => capture::open(input, options),
+        true => capture::open_camera(input, options, *camera.timing()).map(|c| Box::new(c) as Box<dyn FrameSource>),
+    };
+    opened.map_err(|error| match error {
+        CaptureError::Sequence(_) | CaptureError::List { .. } | CaptureError::NoTimes { .. } => Failure::usage(error),
+        _ => Failure::job(error),
+    })
 }

@@ -62,8 +62,8 @@ const SAME_BODY: f64 = 0.85;
 /// Why a marker cannot be looked for.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum PeerError {
-    /// A cylinder without rings: nothing to find it by.
-    #[error("the cylinder has no `look`: a single picture finds it by its rings (`look.rings`)")]
+    /// A marker without rings or stripes: nothing to find it by.
+    #[error("the marker has no `look`: a single picture finds it by its rings or stripes (`look.rings`)")]
     NoLook,
     /// Bars without a width, or no bars.
     #[error("the bars have no width to look for: give `azimuths_deg` and `look.bar_width_deg`")]

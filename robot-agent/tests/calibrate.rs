@@ -111,6 +111,67 @@ fn a_camera_goes_to_other_tools_and_back_and_is_calibrated_again_from_corners() 
     );
 }
 
+/// A PAL's file with a mask beside it, in a folder of its own.
+fn masked_camera(folder: &Path) {
+    std::fs::create_dir(folder.join("old")).unwrap();
+    image::GrayImage::from_pixel(160, 120, image::Luma([255])).save(folder.join("old/mask.png")).unwrap();
+    let text = "model = \"unified-sphere\"\nimage_size_px = [160, 120]\n[unified-sphere]\nxi = 0.9\n\
+                focal_length_px = [60.0, 60.0]\ncentre_px = [79.5, 59.5]\n[mask]\nfile = \"mask.png\"\n\
+                [mounting]\nheight_m = 0.6\n";
+    std::fs::write(folder.join("old/camera.toml"), text).unwrap();
+}
+
+#[test]
+fn a_camera_file_that_is_written_elsewhere_still_finds_its_mask() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    masked_camera(folder);
+    std::fs::create_dir(folder.join("new")).unwrap();
+    let seen = r#"{"points":[{"body_m":[2.0,0.0,0.0],"px":[79.5,90.0]},{"body_m":[0.0,2.0,0.0],"px":[110.0,59.5]},
+                   {"body_m":[-2.0,0.0,0.0],"px":[79.5,29.0]}],"sigma_px":0.5}"#;
+    std::fs::write(folder.join("seen.json"), seen).unwrap();
+    let arguments = [
+        "mounting",
+        "--camera",
+        "old/camera.toml",
+        "--seen",
+        "seen.json",
+        "--out",
+        "new/camera.toml",
+        "--format",
+        "json",
+    ];
+    json(&calibrate(folder, &arguments));
+    let described = Command::new(env!("CARGO_BIN_EXE_robot-agent"))
+        .args(["camera", "describe", "--camera", "new/camera.toml"])
+        .current_dir(folder)
+        .output()
+        .unwrap();
+    assert!(described.status.success(), "{}", String::from_utf8_lossy(&described.stderr));
+}
+
+#[test]
+fn a_centre_goes_into_a_camera_file_and_a_report() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    masked_camera(folder);
+    // A bright disc on a dark ground, off the file's centre.
+    let disc = image::GrayImage::from_fn(160, 120, |u, v| {
+        let r = (f64::from(u) - 82.0).hypot(f64::from(v) - 58.0);
+        image::Luma([(40.0 + 160.0 / (1.0 + ((r - 45.0) / 0.7).exp())) as u8])
+    });
+    disc.save(folder.join("disc.png")).unwrap();
+    let arguments =
+        ["centre", "disc.png", "--camera", "old/camera.toml", "--out", "old/found.toml", "--report", "report"];
+    let found = json(&calibrate(folder, &[&arguments[..], &["--rims", "1", "--format", "json"]].concat()));
+    let written: toml::Table = std::fs::read_to_string(folder.join("old/found.toml")).unwrap().parse().unwrap();
+    let centre: Vec<f64> = written["unified-sphere"]["centre_px"].clone().try_into().unwrap();
+    assert!((centre[0] - 82.0).hypot(centre[1] - 58.0) < 0.2, "{centre:?}");
+    let report: Value = serde_json::from_slice(&std::fs::read(folder.join("report/report.json")).unwrap()).unwrap();
+    assert_eq!(report, found);
+    assert!(std::fs::read_to_string(folder.join("report/index.html")).unwrap().contains("rim: centre"));
+}
+
 #[test]
 fn wrong_input_is_named_with_what_would_be_right() {
     let folder = tempfile::tempdir().unwrap();
@@ -132,6 +193,19 @@ fn wrong_input_is_named_with_what_would_be_right() {
     let wall = image::GrayImage::from_pixel(64, 48, image::Luma([120]));
     wall.save(folder.join("wall.png")).unwrap();
     assert_fails(&calibrate(folder, &["centre", "wall.png"]), 1, &["lines", "rim"]);
+    image::GrayImage::new(32, 24).save(folder.join("small.png")).unwrap();
+    assert_fails(
+        &calibrate(folder, &["centre", "wall.png", "small.png"]),
+        1,
+        &["small.png", "32x24", "wall.png", "64x48"],
+    );
+    std::fs::remove_file(folder.join("small.png")).unwrap();
+    let bars = |more: &[&str]| {
+        calibrate(folder, &[&["radial", "--picture", "wall.png", "--centre-px", "32,24"], more].concat())
+    };
+    assert_fails(&bars(&["--radii-px", "9,20", "--angle-deg", "nan"]), 2, &["--angle-deg", "NaN"]);
+    assert_fails(&bars(&["--radii-px", "20,9"]), 2, &["--radii-px", "[20, 9]"]);
+    assert_fails(&bars(&["--radii-px", "2,20"]), 1, &["wall.png", "0 edges"]);
     assert_fails(
         &calibrate(folder, &["model", "--pictures", ".", "--board", "7x5", "--square-mm", "30"]),
         1,

@@ -142,8 +142,19 @@ fn unwarp_says_what_is_wrong_with_a_picture() {
     std::fs::write(folder.path().join("half.png"), &bytes[..bytes.len() / 2]).unwrap();
     assert_fails(&unwarp("half.png", "out.png"), 1, &["half.png", "cannot decode"]);
     assert_fails(&unwarp("whole.png", "no/such/folder/out.png"), 1, &["no/such/folder/out.png"]);
-    assert_fails(&unwarp("whole.png", "out.xyz"), 1, &["out.xyz"]);
+    std::fs::write(folder.path().join("out.gif"), "kept").unwrap();
+    assert_fails(&unwarp("whole.png", "out.gif"), 2, &["out.gif", ".png", ".pgm"]);
+    assert_eq!(std::fs::read(folder.path().join("out.gif")).unwrap(), b"kept");
     assert!(!folder.path().join("out.png").exists());
+    let with = |more: &[&str]| {
+        let arguments = ["unwarp", "whole.png", "--camera", "camera.toml", "--out", "out.png"];
+        robot_agent(folder.path(), &[&arguments, more].concat(), "")
+    };
+    assert_fails(&with(&["--pan-deg", "3"]), 2, &["--pan-deg", "perspective"]);
+    assert_fails(&with(&["--projection", "cylinder", "--hfov-deg", "90"]), 2, &["--hfov-deg", "perspective"]);
+    let perspective = ["--projection", "perspective"];
+    assert_fails(&with(&[&perspective[..], &["--elevation-deg", "0", "9"]].concat()), 2, &["--elevation-deg"]);
+    assert_fails(&with(&[&perspective[..], &["--hfov-deg", "1000"]].concat()), 2, &["1000", "170"]);
 }
 
 const PINHOLE: &str = r#"
@@ -185,12 +196,25 @@ fn tracking_goes_on_over_bad_frames_and_leaves_pictures_and_an_animation() {
         assert_eq!(line["error"].is_null(), n != 17 && n != 20, "{line}");
     }
     assert!(lines[17]["error"].as_str().unwrap().contains("80x60"));
+    assert_eq!((&lines[17]["alarm"], &lines[17]["background"]), (&Value::Null, &Value::from("ready")));
+    let log = String::from_utf8_lossy(&output.stderr);
+    assert!(log.contains("80x60") && !log.contains("020.png"), "the first is told: {log}");
+    assert!(log.contains("2 of 30 frames"), "{log}");
+    for n in 0..30 {
+        let mask = image::open(at(&format!("out/mask/{n:06}.png"))).unwrap().into_luma8();
+        assert_eq!(mask.dimensions(), (160, 120));
+        assert!(n != 20 || mask.pixels().all(|p| p[0] == 0));
+    }
     assert!(!lines[28]["objects"].as_array().unwrap().is_empty(), "{}", lines[28]);
     for name in ["background.png", "objects.png", "tracks.png", "synopsis.png", "gaze.png", "animation.png"] {
         assert!(image::open(at(&format!("out/{name}"))).is_ok(), "{name}");
     }
     let animation = std::fs::read(at("out/animation.png")).unwrap();
     assert!(animation.windows(4).any(|w| w == b"acTL"), "it is animated");
+    // A shorter run leaves nothing of a longer one.
+    let arguments = ["track", "frames/001.png", "--camera", "camera.toml", "--out", "out"];
+    assert!(robot_agent(folder.path(), &arguments, "").status.success());
+    assert_eq!(std::fs::read_dir(at("out/mask")).unwrap().count(), 1);
 }
 
 #[test]
@@ -273,6 +297,58 @@ fn markers_of_peers_may_be_one_or_many_and_a_bad_one_is_named() {
     assert_fails(&peers(r#"{"kind":"cylinder","radius_m":-0.2}"#), 2, &["markers.json", "radius_m"]);
     assert_fails(&peers(r#"{"robot":"R 2","kind":"cylinder","radius_m":0.2}"#), 2, &["marker 0"]);
     assert_fails(&peers(r#"[{"kind":"cylinder","radius":0.2}]"#), 2, &["markers.json", "marker 0", "radius"]);
+}
+
+#[test]
+fn what_cannot_be_printed_is_an_error_and_no_panic() {
+    let folder = folder();
+    let full = std::fs::OpenOptions::new().write(true).open("/dev/full").unwrap();
+    let config = folder.path().join("agent.toml");
+    std::fs::write(&config, "").unwrap();
+    let output = Command::new(env!("CARGO_BIN_EXE_robot-agent"))
+        .args(["check", "--config", "agent.toml", "--format", "json"])
+        .current_dir(folder.path())
+        .stdout(full)
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap()
+        .wait_with_output()
+        .unwrap();
+    assert_fails(&output, 1, &["cannot write to standard output"]);
+}
+
+const AGENT: &str = r#"
+[robot]
+id = "r1"
+team = "lab"
+camera = "camera.toml"
+marker = { kind = "cylinder", radius_m = 0.2, height_m = [0.1, 0.5] }
+[capture]
+source = "frames"
+frame_rate_hz = 10.0
+"#;
+
+#[test]
+fn check_finds_what_run_would_refuse_and_remarks_on_what_nobody_could_see() {
+    let folder = folder();
+    let at = |name: &str| folder.path().join(name);
+    std::fs::write(at("camera.toml"), format!("{CAMERA}[mounting]\nheight_m = 0.6\n")).unwrap();
+    std::fs::create_dir(at("frames")).unwrap();
+    image::GrayImage::new(768, 576).save(at("frames/000.png")).unwrap();
+    let check = |config: &str| {
+        std::fs::write(at("agent.toml"), config).unwrap();
+        robot_agent(folder.path(), &["check", "--config", "agent.toml", "--format", "json"], "")
+    };
+    let with = |key: &str| AGENT.replace("[capture]", &format!("{key}\n[capture]"));
+    let output = check(&with("state_dir = \"made/later\""));
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    assert!(!at("made").exists(), "nothing is left behind");
+    let remarks = lines(&output)[0]["remarks"].to_string();
+    assert!(remarks.contains("no `look`"), "{remarks}");
+    std::fs::write(at("file"), "").unwrap();
+    assert_fails(&check(&with("state_dir = \"file/state\"")), 2, &["state_dir", "file"]);
+    let narrow = format!("{AGENT}[work]\npanorama_columns = 64\n");
+    assert_fails(&check(&narrow), 2, &["agent.toml", "work.panorama_columns", "64"]);
 }
 
 #[test]

@@ -5,6 +5,8 @@ mod plots;
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
 
+use serde_json::Value;
+
 use super::summary::Summary;
 
 /// Why no report was written.
@@ -23,25 +25,49 @@ pub enum ReportError {
     Plot(String),
 }
 
+/// Last line of a page.
+const TO_NUMBERS: &str = "<p>The same numbers for programs: <a href=\"report.json\">report.json</a></p>";
+
 /// Writes `index.html` and `report.json` into a folder, which is made where it does not exist.
 ///
 /// # Errors
 /// The folder or a file cannot be written.
 pub fn write(summary: &Summary, folder: &Path) -> Result<(), ReportError> {
+    save(folder, page(summary)?, &summary.json())
+}
+
+/// The same of a calibration that is told in words and numbers alone.
+///
+/// # Errors
+/// The folder cannot be written.
+pub fn write_findings(title: &str, words: &[String], numbers: &Value, folder: &Path) -> Result<(), ReportError> {
+    let page = format!(
+        "<!doctype html><html lang=\"en\"><meta charset=\"utf-8\"><title>Calibration: {title}</title><style>{STYLE}</style>\
+         <h1>Calibration: {title}</h1><ul class=\"verdict\">{}</ul>{TO_NUMBERS}</html>\n",
+        list(words),
+        title = escaped(title),
+    );
+    save(folder, page, numbers)
+}
+
+fn save(folder: &Path, page: String, numbers: &Value) -> Result<(), ReportError> {
     std::fs::create_dir_all(folder).map_err(|source| ReportError::Unwritable { path: folder.into(), source })?;
     let save = |name: &str, text: String| {
         let path = folder.join(name);
         std::fs::write(&path, text).map_err(|source| ReportError::Unwritable { path, source })
     };
-    save("index.html", page(summary)?)?;
-    save("report.json", format!("{:#}\n", summary.json()))
+    save("index.html", page)?;
+    save("report.json", format!("{numbers:#}\n"))
+}
+
+fn list(words: &[String]) -> String {
+    words.iter().fold(String::new(), |mut all, line| {
+        let _ = write!(all, "<li>{}</li>", escaped(line));
+        all
+    })
 }
 
 fn page(summary: &Summary) -> Result<String, ReportError> {
-    let words: String = summary.words().iter().fold(String::new(), |mut all, line| {
-        let _ = write!(all, "<li>{}</li>", escaped(line));
-        all
-    });
     let plots = [
         ("Residuals over the picture", plots::residual_vectors(summary)),
         ("Residuals by radius", plots::residuals_by_radius(summary)),
@@ -58,7 +84,8 @@ fn page(summary: &Summary) -> Result<String, ReportError> {
     Ok(format!(
         "<!doctype html><html lang=\"en\"><meta charset=\"utf-8\"><title>Calibration: {title}</title><style>{STYLE}</style>\
          <h1>Calibration: {title}</h1><ul class=\"verdict\">{words}</ul>{unknowns}{candidates}<div class=\"plots\">{figures}</div>\
-         <p>The same numbers for programs: <a href=\"report.json\">report.json</a></p></html>\n",
+         {TO_NUMBERS}</html>\n",
+        words = list(&summary.words()),
         title = escaped(&summary.best().name),
         unknowns = unknowns(summary),
         candidates = candidates(summary),

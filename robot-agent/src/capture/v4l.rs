@@ -80,6 +80,9 @@ impl Driver for V4l {
             seen.push(format!("{}x{} {}", got.width, got.height, got.fourcc));
         }
         let wanted = self.image_size_px.map_or_else(|| "any size".to_owned(), |[w, h]| format!("{w}x{h}"));
+        if has.is_empty() && seen.is_empty() {
+            return Err(CameraFault("it has no picture format at all: is it a camera?".to_owned()));
+        }
         let has = has.iter().map(ToString::to_string).collect::<Vec<_>>().join(", ");
         Err(CameraFault(format!(
             "no mode of {wanted} (the camera file's image_size_px) in GREY, YUYV or MJPEG; it has {has} and offers {}",

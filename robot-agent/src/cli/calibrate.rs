@@ -13,6 +13,7 @@ use std::io::{self, Write};
 use std::path::Path;
 
 use clap::{Args, Subcommand};
+use robot_agent::calibration::report;
 use serde_json::Value;
 
 use super::{Failure, Format};
@@ -60,6 +61,40 @@ fn print(format: Format, words: &[String], numbers: &Value) -> Result<(), Failur
         Format::Text => words.iter().try_for_each(|line| writeln!(output, "{line}"))?,
     }
     Ok(())
+}
+
+/// The same, and a report where one is wanted: a page with the words, and the numbers as JSON.
+fn tell(format: Format, report: Option<&Path>, title: &str, words: &[String], numbers: &Value) -> Result<(), Failure> {
+    if let Some(folder) = report {
+        report::write_findings(title, words, numbers, folder).map_err(Failure::job)?;
+    }
+    print(format, words, numbers)
+}
+
+/// The text of a camera file that is written to another place: what it names is named from there.
+fn moved(mut file: toml::Table, from: &Path, to: &Path) -> Result<String, Failure> {
+    let wrong = |e: &dyn std::fmt::Display| Failure::usage(format!("{}: {e}", from.display()));
+    let folder = |path: &Path| path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new(".")).to_owned();
+    let [old, new] = [from, to].map(folder);
+    let is_elsewhere = match (old.canonicalize(), new.canonicalize()) {
+        (Ok(old), Ok(new)) => old != new,
+        _ => old != new,
+    };
+    let mask = file.get_mut("mask").and_then(toml::Value::as_table_mut).and_then(|mask| mask.get_mut("file"));
+    if let Some(name) = mask.filter(|_| is_elsewhere)
+        && let Some(path) = name.as_str().map(|name| old.join(name))
+    {
+        let path = path.canonicalize().map_err(|e| wrong(&format!("`mask.file` {}: {e}", path.display())))?;
+        *name = toml::Value::String(path.display().to_string());
+    }
+    toml::to_string(&file).map_err(|e| wrong(&e))
+}
+
+/// A camera file as a table.
+fn read_table(path: &Path) -> Result<toml::Table, Failure> {
+    let wrong = |e: &dyn std::fmt::Display| Failure::usage(format!("{}: {e}", path.display()));
+    let text = std::fs::read_to_string(path).map_err(|e| wrong(&e))?;
+    text.parse().map_err(|e: toml::de::Error| wrong(&e))
 }
 
 fn save(path: &Path, text: &str) -> Result<(), Failure> {

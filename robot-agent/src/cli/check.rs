@@ -1,14 +1,16 @@
 //! `robot-agent check`: everything that `run` would open is opened, nothing is started.
 
+use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
 use protocol::security::Member;
 use protocol::security::preflight;
 use protocol::security::roster::Role;
-use robot_agent::agent::{Agent, AgentSettings};
+use robot_agent::agent::{Agent, AgentError, AgentSettings};
 use robot_agent::capture::{self, CaptureOptions, FrameSource};
 use robot_agent::config::{AtEnd, Config, ReplayStart};
 use robot_agent::optics::MountedCamera;
+use robot_agent::service::Journal;
 use serde_json::json;
 
 use super::{Failure, Format};
@@ -50,8 +52,14 @@ pub(super) fn open(path: &Path, epoch: u64) -> Result<Checked, Failure> {
     settings.max_frame_rate_hz = config.work.max_frame_rate_hz;
     settings.budget_s = config.work.budget_s;
     settings.max_bytes_per_s = config.max_bytes_per_s;
-    let of_camera = |error| Failure::Usage(format!("{}: {error}", config.camera.display()));
-    let agent = Agent::new(settings, camera.clone(), epoch).map_err(of_camera)?;
+    let wrong_work = |error: AgentError| match (&error, config.work.panorama_columns) {
+        (AgentError::Panorama(_) | AgentError::Motion(_), Some(columns)) => Failure::Usage(format!(
+            "{}: `work.panorama_columns` = {columns}: {error}; give more columns, or leave it out",
+            path.display()
+        )),
+        _ => Failure::Usage(format!("{}: {error}", config.camera.display())),
+    };
+    let agent = Agent::new(settings, camera.clone(), epoch).map_err(wrong_work)?;
     // The size is checked frame by frame by the agent, which counts what does not fit and goes on.
     let mut options = CaptureOptions { frame_rate_hz: Some(config.capture.frame_rate_hz), ..CaptureOptions::default() };
     if capture::is_camera(&config.capture.source) {
@@ -66,12 +74,19 @@ pub(super) fn open(path: &Path, epoch: u64) -> Result<Checked, Failure> {
 
 /// Runs the command.
 pub(super) fn execute(arguments: &Arguments) -> Result<(), Failure> {
-    let checked = open(&arguments.config, 0).inspect_err(|failure| {
-        if let (Failure::Usage(why), Format::Json) = (failure, arguments.format) {
-            println!("{}", json!({ "ok": false, "error": why }));
-        }
-    })?;
-    let Checked { config, camera, mut source, .. } = checked;
+    let mut output = io::stdout().lock();
+    let result = check(arguments, &mut output);
+    if let (Err(Failure::Usage(why)), Format::Json) = (&result, arguments.format) {
+        writeln!(output, "{}", json!({ "ok": false, "error": why }))?;
+    }
+    result
+}
+
+fn check(arguments: &Arguments, output: &mut impl Write) -> Result<(), Failure> {
+    let Checked { config, camera, mut source, .. } = open(&arguments.config, 0)?;
+    if let Some(dir) = &config.state_dir {
+        Journal::check(dir).map_err(Failure::usage)?;
+    }
     let frames = source.frames();
     // One frame is read: a camera file for other pictures is the commonest mistake.
     let first = match source.next_frame() {
@@ -94,27 +109,31 @@ pub(super) fn execute(arguments: &Arguments) -> Result<(), Failure> {
         ReplayStart::Leader => "when the leader says".to_owned(),
         ReplayStart::At(instant) => format!("at {instant} of this host's clock"),
     };
+    let mut remarks = source.remarks().to_vec();
+    if config.marker.look().is_none() {
+        remarks.push("the marker has no `look`: no fellow robot can find this one in a picture".to_owned());
+    }
     if arguments.format == Format::Json {
         let report = json!({
             "ok": true, "robot": config.robot, "team": config.team, "host": config.host, "camera": camera.summary(),
             "source": config.capture.source, "frames": frames, "replay": replay, "connect": config.connect,
-            "security": config.security.in_words(),
+            "security": config.security.in_words(), "remarks": remarks,
         });
-        println!("{report}");
+        writeln!(output, "{report}")?;
         return Ok(());
     }
-    println!("{}: fine", arguments.config.display());
-    println!("  robot     {} of team {}, on host {}", config.robot, config.team, config.host);
-    println!("  camera    {}: {}", config.camera.display(), camera.summary());
+    writeln!(output, "{}: fine", arguments.config.display())?;
+    writeln!(output, "  robot     {} of team {}, on host {}", config.robot, config.team, config.host)?;
+    writeln!(output, "  camera    {}: {}", config.camera.display(), camera.summary())?;
     let count = frames.map_or_else(|| "frames".to_owned(), |n| format!("{n} frames"));
-    println!("  source    {}: {count}, first captured at {}", config.capture.source.display(), first.capture);
+    writeln!(output, "  source    {}: {count}, first captured at {}", config.capture.source.display(), first.capture)?;
     let at_end = if config.capture.at_end == AtEnd::Stop { "then stops" } else { "then stays" };
-    println!("  replay    begins {replay}, {at_end}");
+    writeln!(output, "  replay    begins {replay}, {at_end}")?;
     let default = if config.connect_is_default { " (the default: a leader on this host)" } else { "" };
-    println!("  connects  {}{default}", config.connect.join(", "));
-    println!("  security  {}", config.security.in_words());
-    for remark in source.remarks() {
-        println!("  remark    {remark}");
+    writeln!(output, "  connects  {}{default}", config.connect.join(", "))?;
+    writeln!(output, "  security  {}", config.security.in_words())?;
+    for remark in remarks {
+        writeln!(output, "  remark    {remark}")?;
     }
     Ok(())
 }

@@ -6,12 +6,13 @@ use protocol::id::RobotId;
 use protocol::marker::Marker;
 use protocol::message::observation::FeaturePart;
 use protocol::time::Timestamp;
+use robot_agent::agent::Frame;
 use robot_agent::optics::MountedCamera;
 use robot_agent::panorama::{Lut, PanoramaGeometry};
 use robot_agent::peers::{Grid, Peer, PeerDetector, PeerFeature};
 use serde_json::{Value, json};
 
-use super::{Failure, check_frame_rate, open_frames, print_lines};
+use super::{Failure, Lines, check_frame_rate, open_frames, print_lines};
 
 /// Finds fellow robots in recorded frames by their announced look: one JSON line a frame on standard output. Every frame is
 /// searched by itself.
@@ -38,16 +39,31 @@ pub(super) fn execute(arguments: &Arguments) -> Result<(), Failure> {
     let geometry = PanoramaGeometry::for_camera(&camera).map_err(Failure::usage)?;
     let grid = Grid::of(&geometry)
         .ok_or_else(|| Failure::usage("peers are found in a cylinder panorama; this camera sees beyond 60 degrees"))?;
-    let mut detector = detector(&camera, grid, &arguments.markers)?;
+    let detector = detector(&camera, grid, &arguments.markers)?;
     let lut = Lut::panorama(&camera, &geometry);
     let mut source = open_frames(&arguments.input, &camera, arguments.frame_rate_hz)?;
-    let mut panorama = vec![0; geometry.pixels()];
-    print_lines(&arguments.input, source.as_mut(), "peers", |index, time_s, frame| {
-        lut.unwarp(&frame.gray, &mut panorama).map_err(Failure::job)?;
-        let mut peers = detector.detect(&frame.gray, &panorama);
-        detector.read_beacons(&frame.gray, Timestamp::from_secs_f64(time_s), &mut peers);
+    let panorama = vec![0; geometry.pixels()];
+    print_lines(&arguments.input, source.as_mut(), &mut Search { detector, lut, panorama })
+}
+
+/// The search of each frame.
+struct Search {
+    detector: PeerDetector,
+    lut: Lut,
+    panorama: Vec<u8>,
+}
+
+impl Lines for Search {
+    fn of_frame(&mut self, index: u64, time_s: f64, frame: &Frame) -> Result<Value, Failure> {
+        self.lut.unwarp(&frame.gray, &mut self.panorama).map_err(Failure::job)?;
+        let mut peers = self.detector.detect(&frame.gray, &self.panorama);
+        self.detector.read_beacons(&frame.gray, Timestamp::from_secs_f64(time_s), &mut peers);
         Ok(json!({ "frame": index, "time_s": time_s, "peers": peers.iter().map(peer).collect::<Vec<_>>() }))
-    })
+    }
+
+    fn of_bad_frame(&mut self, _index: u64) -> Result<Value, Failure> {
+        Ok(json!({ "peers": [] }))
+    }
 }
 
 /// The detector of what a markers file describes; what cannot be looked for is logged.

@@ -15,7 +15,7 @@ use robot_agent::picture::{Animation, Gallery, encode_jpeg, encode_png};
 use robot_agent::tracking::{PeerBearing, TrackView, Tracker, TrackerSettings, View};
 use serde_json::{Value, json};
 
-use super::{Failure, check_frame_rate, open_frames, print_lines};
+use super::{Failure, Lines, check_frame_rate, open_frames, print_lines};
 
 /// Follows what moves in recorded frames: one JSON line a frame on standard output, pictures to a folder. Nothing is skipped.
 #[derive(Debug, clap::Args)]
@@ -60,23 +60,55 @@ pub(super) fn execute(arguments: &Arguments) -> Result<(), Failure> {
         pipeline.detections = Some(read_detections(path, arguments.detections_scale, &pipeline.raster)?);
     }
     if let Some(dir) = &arguments.out {
-        create_folder(&dir.join("mask"))?;
-        create_folder(&dir.join("panorama"))?;
-    }
-    let progress = progress_bar(source.frames());
-    print_lines(&arguments.input, source.as_mut(), "objects", |index, time_s, frame| {
-        progress.inc(1);
-        let change = pipeline.step(index, frame)?;
-        if let Some(dir) = &arguments.out {
-            pipeline.write_pictures(dir, index, arguments.every.max(1))?;
-            pipeline.animate(time_s);
+        for name in ["mask", "panorama"] {
+            let folder = dir.join(name);
+            create_folder(&folder)?;
+            remove_numbered(&folder)?;
         }
-        Ok(pipeline.line(index, time_s, &change))
-    })?;
-    progress.finish_and_clear();
+    }
+    let mut job = Job { pipeline, arguments, progress: progress_bar(source.frames()) };
+    print_lines(&arguments.input, source.as_mut(), &mut job)?;
+    job.progress.finish_and_clear();
     match &arguments.out {
-        Some(dir) => pipeline.write_last_pictures(dir),
+        Some(dir) => job.pipeline.write_last_pictures(dir),
         None => Ok(()),
+    }
+}
+
+/// The stages with what is wanted of them.
+struct Job<'a> {
+    pipeline: Offline,
+    arguments: &'a Arguments,
+    progress: ProgressBar,
+}
+
+impl Lines for Job<'_> {
+    fn of_frame(&mut self, index: u64, time_s: f64, frame: &Frame) -> Result<Value, Failure> {
+        self.progress.inc(1);
+        let change = self.pipeline.step(index, frame)?;
+        if let Some(dir) = &self.arguments.out {
+            self.pipeline.write_pictures(dir, index, self.arguments.every.max(1))?;
+            self.pipeline.animate(time_s);
+        }
+        Ok(self.pipeline.line(index, time_s, &change))
+    }
+
+    /// Nothing is marked in it.
+    fn of_bad_frame(&mut self, index: u64) -> Result<Value, Failure> {
+        self.progress.inc(1);
+        if let Some(dir) = &self.arguments.out {
+            self.pipeline.write_mask(dir, index, vec![0; self.pipeline.raster.len()])?;
+        }
+        let Offline { motion, .. } = &self.pipeline;
+        Ok(json!({ "motion": Value::Null, "alarm": Value::Null, "background": word(motion.state()), "objects": [] }))
+    }
+}
+
+fn word(background: BackgroundState) -> &'static str {
+    match background {
+        BackgroundState::Suspended => "suspended",
+        BackgroundState::Building => "building",
+        BackgroundState::Ready => "ready",
     }
 }
 
@@ -176,34 +208,32 @@ impl Offline {
     }
 
     fn line(&self, index: u64, time_s: f64, change: &Change) -> Value {
-        let background = match change.background {
-            BackgroundState::Suspended => "suspended",
-            BackgroundState::Building => "building",
-            BackgroundState::Ready => "ready",
-        };
         json!({
             "frame": index,
             "time_s": time_s,
             "motion": format!("{:?}", change.motion).to_lowercase(),
-            "alarm": change.alarm.as_ref().map(|a| format!("{a:?}")),
-            "background": background,
+            "alarm": change.alarm.as_ref().map(ToString::to_string),
+            "background": word(change.background),
             "objects": self.tracks.iter().map(object).collect::<Vec<_>>(),
         })
     }
 
     fn write_pictures(&self, dir: &Path, index: u64, every: u64) -> Result<(), Failure> {
-        let mask: Vec<u8> = self.motion.scene().mask.iter().map(|&m| m * 255).collect();
-        let path = dir.join(format!("mask/{index:06}.png"));
-        image::GrayImage::from_raw(self.raster.width as u32, self.raster.height as u32, mask)
-            .ok_or_else(|| Failure::job("the mask has another size than the picture"))?
-            .save(&path)
-            .map_err(|e| Failure::job(format!("{}: cannot write the mask: {e}", path.display())))?;
+        self.write_mask(dir, index, self.motion.scene().mask.iter().map(|&m| m * 255).collect())?;
         if index.is_multiple_of(every) {
             let picture = self.gallery.panorama(&self.tested, &self.tracks, self.tracker.view());
             let bytes = encode_jpeg(&picture, 85).map_err(Failure::job)?;
             write_file(&dir.join(format!("panorama/{index:06}.jpg")), &bytes)?;
         }
         Ok(())
+    }
+
+    fn write_mask(&self, dir: &Path, index: u64, mask: Vec<u8>) -> Result<(), Failure> {
+        let path = dir.join(format!("mask/{index:06}.png"));
+        image::GrayImage::from_raw(self.raster.width as u32, self.raster.height as u32, mask)
+            .ok_or_else(|| Failure::job("the mask has another size than the picture"))?
+            .save(&path)
+            .map_err(|e| Failure::job(format!("{}: cannot write the mask: {e}", path.display())))
     }
 
     fn animate(&mut self, time_s: f64) {
@@ -288,6 +318,20 @@ fn object(track: &TrackView) -> Value {
 fn create_folder(path: &Path) -> Result<(), Failure> {
     std::fs::create_dir_all(path)
         .map_err(|e| Failure::job(format!("{}: cannot create the folder: {e}", path.display())))
+}
+
+/// Removes what an earlier, longer run left: pictures whose names are numbers.
+fn remove_numbered(folder: &Path) -> Result<(), Failure> {
+    let failed = |e: io::Error| Failure::job(format!("{}: cannot be cleared: {e}", folder.display()));
+    for entry in std::fs::read_dir(folder).map_err(failed)? {
+        let path = entry.map_err(failed)?.path();
+        let stem = path.file_stem().and_then(|s| s.to_str()).unwrap_or_default();
+        let is_picture = path.extension().is_some_and(|e| e == "png" || e == "jpg");
+        if is_picture && stem.len() >= 6 && stem.bytes().all(|b| b.is_ascii_digit()) {
+            std::fs::remove_file(&path).map_err(failed)?;
+        }
+    }
+    Ok(())
 }
 
 fn write_file(path: &Path, bytes: &[u8]) -> Result<(), Failure> {

@@ -65,6 +65,22 @@ impl Journal {
         Ok(Self { jobs, before, told: false })
     }
 
+    /// Whether a journal could be kept in this folder; leaves nothing there.
+    ///
+    /// # Errors
+    /// It cannot be made or written.
+    pub fn check(folder: &Path) -> Result<(), JournalError> {
+        let failed = |source| JournalError { path: folder.to_owned(), source };
+        let missing: Vec<&Path> = folder.ancestors().take_while(|part| !part.exists()).collect();
+        let probe = folder.join(format!(".check-{}", std::process::id()));
+        let result =
+            fs::create_dir_all(folder).and_then(|()| fs::write(&probe, "")).and_then(|()| fs::remove_file(&probe));
+        for made in missing {
+            let _ = fs::remove_dir(made);
+        }
+        result.map_err(failed)
+    }
+
     /// What was raised before this start, oldest first; once.
     pub fn take_before(&mut self) -> Vec<Alarm> {
         std::mem::take(&mut self.before)

@@ -1,6 +1,6 @@
 //! `robot-agent calibrate centre`.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use nalgebra::Vector2;
 use robot_agent::calibration::{centre, lines, rim, tilt};
@@ -19,6 +19,12 @@ pub(super) struct Arguments {
     /// A camera file: the tilt that the two centres' difference implies is then given, too.
     #[arg(long, value_name = "FILE")]
     camera: Option<PathBuf>,
+    /// Where to write the camera file with the centre that was found: the rims', or the lines' where no rim is seen.
+    #[arg(long, value_name = "FILE", requires = "camera")]
+    out: Option<PathBuf>,
+    /// Where to write a page and the numbers as JSON.
+    #[arg(long, value_name = "DIR")]
+    report: Option<PathBuf>,
     /// Rim circles to look for in each picture.
     #[arg(long, value_name = "N", default_value_t = 2)]
     rims: usize,
@@ -30,11 +36,19 @@ pub(super) struct Arguments {
 /// Runs the command.
 pub(super) fn execute(arguments: &Arguments) -> Result<(), Failure> {
     let camera = arguments.camera.as_deref().map(MountedCamera::load).transpose().map_err(Failure::usage)?;
-    let mut size = camera.as_ref().map(MountedCamera::image_size_px);
+    let mut size: Option<(&PathBuf, [u32; 2])> = None;
     let (mut all_lines, mut rims) = (Vec::new(), Vec::new());
     for path in &arguments.pictures {
-        let picture = read_gray(path, size).map_err(Failure::job)?;
-        size = Some([picture.width, picture.height]);
+        let picture = read_gray(path, camera.as_ref().map(MountedCamera::image_size_px)).map_err(Failure::job)?;
+        let found = [picture.width, picture.height];
+        if let Some((first, [w, h])) = size.filter(|(_, size)| *size != found) {
+            let (path, first) = (path.display(), first.display());
+            return Err(Failure::job(format!(
+                "{path}: {}x{} pixels, but {first} has {w}x{h}; all must be of one camera",
+                found[0], found[1]
+            )));
+        }
+        size = Some((path, found));
         rims.extend(rim::find(&picture, arguments.rims));
         let middle = Vector2::new(f64::from(picture.width), f64::from(picture.height)) * 0.5;
         let middle = rims.first().map_or(middle, |r| r.centre_px);
@@ -106,5 +120,24 @@ pub(super) fn execute(arguments: &Arguments) -> Result<(), Failure> {
             "towards_deg": t.towards_rad.to_degrees(), "px_per_deg": t.px_per_rad.to_radians(),
         })),
     });
-    super::print(arguments.format, &words, &numbers)
+    let found = by_rims.as_ref().map(|r| r.centre_px).or(by_lines.as_ref().ok().map(|c| c.centre_px));
+    if let (Some(out), Some(path), Some(centre)) = (&arguments.out, &arguments.camera, found) {
+        super::save(out, &with_centre(path, out, centre)?)?;
+        words.push(format!("{}: written", out.display()));
+    }
+    super::tell(arguments.format, arguments.report.as_deref(), "centre", &words, &numbers)
+}
+
+/// The camera file with another centre, as it stands in `out`.
+fn with_centre(path: &Path, out: &Path, centre_px: Vector2<f64>) -> Result<String, Failure> {
+    let mut file = super::read_table(path)?;
+    let model = file.get("model").and_then(toml::Value::as_str).unwrap_or_default().to_owned();
+    let table =
+        file.get_mut(&model).and_then(toml::Value::as_table_mut).filter(|table| table.contains_key("centre_px"));
+    let Some(table) = table else {
+        return Err(Failure::usage(format!("{}: a {model} camera has no `centre_px` to write", path.display())));
+    };
+    let numbers = centre_px.iter().map(|x| toml::Value::Float(*x)).collect();
+    table.insert("centre_px".into(), toml::Value::Array(numbers));
+    super::moved(file, path, out)
 }

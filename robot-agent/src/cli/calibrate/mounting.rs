@@ -55,7 +55,7 @@ pub(super) fn execute(arguments: &Arguments) -> Result<(), Failure> {
     let fit = mounting::find(&camera, &seen).map_err(Failure::job)?;
     let mut words = words(&fit, seen.vertical_lines_px.len());
     if let Some(out) = &arguments.out {
-        super::save(out, &with_mounting(&arguments.camera, &fit.mounting)?)?;
+        super::save(out, &with_mounting(&arguments.camera, out, &fit.mounting)?)?;
         words.push(format!("{}: written", out.display()));
     }
     let Mounting { rotation_rpy_rad, position_m, sigma, .. } = &fit.mounting;
@@ -95,11 +95,9 @@ fn words(fit: &MountingFit, lines: usize) -> Vec<String> {
     words
 }
 
-/// The camera file with another mounting.
-fn with_mounting(path: &Path, mounting: &Mounting) -> Result<String, Failure> {
-    let wrong = |e: &dyn std::fmt::Display| Failure::usage(format!("{}: {e}", path.display()));
-    let text = std::fs::read_to_string(path).map_err(|e| wrong(&e))?;
-    let mut file: toml::Table = text.parse().map_err(|e: toml::de::Error| wrong(&e))?;
+/// The camera file with another mounting, as it stands in `out`.
+fn with_mounting(path: &Path, out: &Path, mounting: &Mounting) -> Result<String, Failure> {
+    let mut file = super::read_table(path)?;
     let mut table = toml::Table::new();
     let list = |values: &[f64]| toml::Value::Array(values.iter().map(|x| toml::Value::Float(*x)).collect());
     if mounting.height_is_given {
@@ -110,5 +108,5 @@ fn with_mounting(path: &Path, mounting: &Mounting) -> Result<String, Failure> {
     table.insert("rotation_rpy_deg_sigma".into(), list(&mounting.sigma.rotation_rpy_rad.map(f64::to_degrees)));
     table.insert("mirrored".into(), toml::Value::Boolean(mounting.mirrored));
     file.insert("mounting".into(), table.into());
-    toml::to_string(&file).map_err(|e| wrong(&e))
+    super::moved(file, path, out)
 }

@@ -3,7 +3,8 @@
 use std::path::PathBuf;
 
 use nalgebra::Vector2;
-use robot_agent::calibration::{bars, radial};
+use robot_agent::calibration::bars::{self, BarsError};
+use robot_agent::calibration::radial;
 use robot_agent::capture::read_gray;
 use serde_json::json;
 
@@ -30,6 +31,9 @@ pub(super) struct Arguments {
     /// Order of the polynomial.
     #[arg(long, value_name = "N", default_value_t = radial::DEFAULT_ORDER)]
     order: usize,
+    /// Where to write a page and the numbers as JSON.
+    #[arg(long, value_name = "DIR")]
+    report: Option<PathBuf>,
     /// How to print the result.
     #[arg(long, value_enum, default_value_t)]
     format: Format,
@@ -37,11 +41,18 @@ pub(super) struct Arguments {
 
 /// Runs the command.
 pub(super) fn execute(arguments: &Arguments) -> Result<(), Failure> {
+    if !arguments.angle_deg.is_finite() {
+        return Err(Failure::usage(format!("--angle-deg {}: must be a number of degrees", arguments.angle_deg)));
+    }
     let edges_px = match (&arguments.picture, arguments.centre_px, arguments.radii_px) {
         (Some(path), Some(centre), Some(radii)) => {
             let picture = read_gray(path, None).map_err(Failure::job)?;
-            bars::edges(&picture, Vector2::from(centre), arguments.angle_deg.to_radians(), radii)
-                .map_err(Failure::job)?
+            bars::edges(&picture, Vector2::from(centre), arguments.angle_deg.to_radians(), radii).map_err(|error| {
+                match error {
+                    BarsError::Radii { .. } => Failure::usage(format!("--radii-px: {error}")),
+                    BarsError::TooFew { .. } => Failure::job(format!("{}: {error}", path.display())),
+                }
+            })?
         }
         _ => arguments.edges_px.clone(),
     };
@@ -61,5 +72,5 @@ pub(super) fn execute(arguments: &Arguments) -> Result<(), Failure> {
         "edges_px": edges_px, "monomials": monomials, "domain_px": polynomial.domain_px, "rms_px": polynomial.rms_px,
         "worst_px": polynomial.worst_px, "dof": polynomial.dof,
     });
-    super::print(arguments.format, &words, &numbers)
+    super::tell(arguments.format, arguments.report.as_deref(), "radial polynomial", &words, &numbers)
 }

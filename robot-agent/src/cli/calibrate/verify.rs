@@ -25,6 +25,9 @@ pub(super) struct Arguments {
     /// report's lens, whose length is the default. `calibrate locus` measures a camera's own.
     #[arg(long, value_name = "MM", default_value_t = 1e3 * verify::REFERENCE_LOCUS_M)]
     locus_mm: f64,
+    /// Where to write a page and the numbers as JSON.
+    #[arg(long, value_name = "DIR")]
+    report: Option<PathBuf>,
     /// How to print the result.
     #[arg(long, value_enum, default_value_t)]
     format: Format,
@@ -40,6 +43,12 @@ pub(super) fn execute(arguments: &Arguments) -> Result<(), Failure> {
         return Err(Failure::usage(format!(
             "{file}: corners of pictures of {w}x{h} pixels, the camera's have {cw}x{ch}"
         )));
+    }
+    if !(arguments.sigma_px > 0.0 && arguments.sigma_px.is_finite()) {
+        return Err(Failure::usage(format!("--sigma-px {}: must be a positive number", arguments.sigma_px)));
+    }
+    if !(0.01..=1000.0).contains(&arguments.locus_mm) {
+        return Err(Failure::usage(format!("--locus-mm {}: must be from 0.01 to 1000", arguments.locus_mm)));
     }
     let locus_m = 1e-3 * arguments.locus_mm;
     let test = |view| verify::single_viewpoint(camera.camera(), view, arguments.sigma_px, locus_m);
@@ -62,5 +71,6 @@ pub(super) fn execute(arguments: &Arguments) -> Result<(), Failure> {
             })
         })
         .collect();
-    super::print(arguments.format, &words, &json!({ "views": numbers }))
+    let numbers = json!({ "views": numbers });
+    super::tell(arguments.format, arguments.report.as_deref(), "one viewpoint?", &words, &numbers)
 }
