@@ -17,6 +17,10 @@ use crate::time::Timestamp;
 /// How long after its last map a term still keeps lower ones out.
 pub const FENCE: Duration = Duration::from_secs(2);
 
+/// Highest legal term: who takes one a second does not get there in a hundred million years, and every number up to it is
+/// exact as a JSON number. A message of a higher one is refused, or nobody could take over from whoever says it.
+pub const MAX_TERM: u64 = 1 << 52;
+
 /// What a receiver of maps remembers.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Fence {

@@ -220,7 +220,7 @@ impl Look {
 }
 
 fn positive_length(field: &'static str, length_m: f64) -> Result<(), Invalid> {
-    check::in_range(field, length_m, f64::MIN_POSITIVE, MAX_LENGTH_M)
+    check::positive(field, length_m, MAX_LENGTH_M)
 }
 
 fn interval(field: &'static str, height_m: [f64; 2]) -> Result<(), Invalid> {

@@ -6,6 +6,7 @@ use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
 
 use protocol::document::{Document, DocumentError, INSTANT_WANTED, endpoint_problem, parse_instant};
+use protocol::fence::MAX_TERM;
 use protocol::frames::Pose2;
 use protocol::id::{LeaderId, RobotId, TeamId};
 use protocol::message::map::MAX_ROBOTS;
@@ -76,6 +77,10 @@ impl Config {
             .map_err(|e| document.invalid("leader.team", quoted(&raw.leader.team), e.to_string()))?;
         let mut core = LeaderCoreConfig::new(id);
         core.term = raw.leader.term;
+        if core.term > MAX_TERM {
+            let wanted = format!("a first term of at most {MAX_TERM}");
+            return Err(document.invalid("leader.term", core.term.to_string(), wanted));
+        }
         if !raw.network.connect.is_empty() {
             core.listens_s = LISTENS_S;
         }

@@ -397,6 +397,11 @@ impl Leader {
         }
     }
 
+    /// Holds a robot that has not been heard of yet at a place that is known.
+    pub fn fix(&mut self, anchor: Anchor) {
+        self.config.fixed.push(anchor);
+    }
+
     fn tell(&mut self, text: String, outputs: &mut Vec<Output>) {
         self.tell_once(text.clone(), text, outputs);
     }

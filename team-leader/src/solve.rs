@@ -4,6 +4,7 @@ pub mod bars;
 pub mod closed_form;
 mod conclusion;
 pub mod explain;
+mod fitting;
 pub mod input;
 pub mod joint;
 pub mod layout;
@@ -19,6 +20,8 @@ pub mod sequence;
 pub mod start;
 pub mod terms;
 mod words;
+
+use std::borrow::Cow;
 
 use nalgebra::Vector2;
 use protocol::estimate::SolveStatus;
@@ -73,7 +76,7 @@ pub enum SolveError {
         /// What it says.
         value: String,
         /// What would be right.
-        right: &'static str,
+        right: Cow<'static, str>,
     },
     /// A line of a sequence.
     #[error("line {line}: {source}")]
@@ -97,7 +100,9 @@ pub fn solve_and_explain(problem: Problem) -> Solution {
 
 fn solve_and(mut problem: Problem, explain: impl Fn(&Stage, &Problem) -> Vec<explain::Explained>) -> Solution {
     let naming = start::name_sightings(&mut problem);
-    let said = bars::number_sightings(&mut problem);
+    let mut said = std::mem::take(&mut problem.remarks);
+    said.extend(fitting::keep_fitting(&mut problem));
+    said.extend(bars::number_sightings(&mut problem));
     let mut solution = solve_named(problem, naming, explain);
     solution.warnings.splice(0..0, said);
     solution

@@ -1,6 +1,7 @@
 //! Checks of single values, named after what must hold.
 
 use super::Invalid;
+use crate::fence::MAX_TERM;
 
 /// The value is a number.
 pub(crate) fn finite(field: &'static str, value: impl Into<f64>) -> Result<(), Invalid> {
@@ -17,6 +18,19 @@ pub(crate) fn in_range(field: &'static str, value: impl Into<f64>, min: f64, max
     let value = value.into();
     finite(field, value)?;
     if (min..=max).contains(&value) { Ok(()) } else { Err(Invalid::OutOfRange { field, value, min, max }) }
+}
+
+/// The value is above zero and at most `max`.
+pub(crate) fn positive(field: &'static str, value: impl Into<f64>, max: f64) -> Result<(), Invalid> {
+    let value = value.into();
+    finite(field, value)?;
+    if value > 0.0 && value <= max { Ok(()) } else { Err(Invalid::NotPositive { field, value, max }) }
+}
+
+/// A leader's term can be followed by others.
+pub(crate) fn term(field: &'static str, term: u64) -> Result<(), Invalid> {
+    let (value, max) = (term as f64, MAX_TERM as f64);
+    if term <= MAX_TERM { Ok(()) } else { Err(Invalid::OutOfRange { field, value, min: 0.0, max }) }
 }
 
 /// At most `limit` entries.

@@ -23,6 +23,16 @@ pub enum Invalid {
         /// Largest legal value.
         max: f64,
     },
+    /// Not above zero, or too large.
+    #[error("{field} is {value}; legal is more than 0, at most {max}")]
+    NotPositive {
+        /// Which.
+        field: &'static str,
+        /// The value.
+        value: f64,
+        /// Largest legal value.
+        max: f64,
+    },
     /// More entries than the limit.
     #[error("{field} has {count} entries; at most {limit} are legal")]
     TooMany {

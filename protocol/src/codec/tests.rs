@@ -101,6 +101,20 @@ fn what_one_program_refuses_no_program_sends() {
     announcement = samples::announcement();
     announcement.marker = crate::marker::Marker::Cylinder { radius_m: 0.2, height_m: [0.5, 0.1], look: None };
     refused(encode(&announcement), "marker.height_m");
+    announcement = samples::announcement();
+    announcement.marker = crate::marker::Marker::Cylinder { radius_m: -0.2, height_m: [0.1, 0.5], look: None };
+    refused(encode(&announcement), "marker.radius_m is -0.2; legal is more than 0, at most 10");
+}
+
+#[test]
+fn a_term_that_nobody_could_follow_is_refused() {
+    let most = crate::fence::MAX_TERM;
+    for (term, is_legal) in [(most, true), (most + 1, false), (u64::MAX, false)] {
+        assert_eq!(encode(&Candidacy { term, ..samples::candidacy() }).is_ok(), is_legal, "{term}");
+        assert_eq!(encode(&TeamMap { term, ..samples::map() }).is_ok(), is_legal, "{term}");
+        assert_eq!(encode(&Guidance { term, ..samples::guidance() }).is_ok(), is_legal, "{term}");
+        assert_eq!(encode(&Surroundings { term, ..samples::surroundings() }).is_ok(), is_legal, "{term}");
+    }
 }
 
 #[test]

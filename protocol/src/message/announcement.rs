@@ -68,7 +68,7 @@ impl Message for Announcement {
 impl CameraSummary {
     fn validate(&self) -> Result<(), Invalid> {
         check::text("camera.model", &self.model, MAX_WORD_LEN)?;
-        check::in_range("camera.height_m", self.height_m, f64::MIN_POSITIVE, 10.0)?;
+        check::positive("camera.height_m", self.height_m, 10.0)?;
         check::in_range("camera.height_sigma_m", self.height_sigma_m, 0.0, 10.0)?;
         check::in_range("camera.tilt_sigma_rad", self.tilt_sigma_rad, 0.0, PI)?;
         let [lowest, highest] = self.elevation_rad;

@@ -14,7 +14,7 @@ pub struct Candidacy {
     pub leader: LeaderId,
     /// Its session: two programs that use one leader's id differ in it.
     pub epoch: u64,
-    /// The highest term it knows of; its own while it rules.
+    /// The highest term it knows of; its own while it rules (≤ [`MAX_TERM`](crate::fence::MAX_TERM)).
     pub term: u64,
     /// Whether it rules: publishes the map and answers for the team.
     pub rules: bool,
@@ -28,6 +28,7 @@ impl Message for Candidacy {
     const KIND: Kind = Kind::Candidacy;
 
     fn validate(&self) -> Result<(), Invalid> {
+        check::term("term", self.term)?;
         check::count("robots", usize::from(self.robots), MAX_ROBOTS)
     }
 

@@ -29,6 +29,7 @@ impl Message for Guidance {
     const KIND: Kind = Kind::Guidance;
 
     fn validate(&self) -> Result<(), Invalid> {
+        check::term("term", self.term)?;
         self.team_from_goal.validate("team_from_goal")?;
         check::in_range("error_here_m", self.error_here_m, 0.0, f64::MAX)?;
         check::in_range("error_there_m", self.error_there_m, 0.0, f64::MAX)

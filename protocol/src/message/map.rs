@@ -27,7 +27,7 @@ pub const MAX_ALARMS: usize = 8;
 pub struct TeamMap {
     /// Who leads.
     pub leader: LeaderId,
-    /// Its term: receivers drop maps of a lower one.
+    /// Its term: receivers drop maps of a lower one (≤ [`MAX_TERM`](crate::fence::MAX_TERM)).
     pub term: u64,
     /// Counts the maps of the term.
     pub sequence: u64,
@@ -169,6 +169,7 @@ impl Message for TeamMap {
     const KIND: Kind = Kind::TeamMap;
 
     fn validate(&self) -> Result<(), Invalid> {
+        check::term("term", self.term)?;
         check::in_range("oldest_contribution_s", self.oldest_contribution_s, 0.0, f64::from(f32::MAX))?;
         check::text("explanation", &self.explanation, MAX_EXPLANATION_LEN)?;
         check::count("robots", self.robots.len(), MAX_ROBOTS)?;

@@ -49,6 +49,7 @@ impl Message for Surroundings {
     const KIND: Kind = Kind::Surroundings;
 
     fn validate(&self) -> Result<(), Invalid> {
+        check::term("term", self.term)?;
         check::count("people", self.people.len(), MAX_PEOPLE)
     }
 

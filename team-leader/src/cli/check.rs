@@ -1,5 +1,6 @@
 //! `team-leader check`: is the configuration right?
 
+use std::io::Write;
 use std::path::PathBuf;
 
 use clap::Args;
@@ -9,6 +10,7 @@ use protocol::security::roster::Role;
 
 use super::solve::Format;
 use crate::config::{Config, Replay};
+use crate::service::StateDir;
 
 /// Arguments of `check`.
 #[derive(Debug, Clone, Args)]
@@ -31,6 +33,18 @@ pub fn run(args: &CheckArgs) -> u8 {
         Ok(report) => report,
         Err(error) => return super::usage_error(&error, args.format),
     };
+    if let Some(Err(error)) = config.state_dir.as_ref().map(|dir| StateDir::check(dir, config.team)) {
+        return super::usage_error(&error, args.format);
+    }
+    super::output(0, |out| report(args, &config, certificate.as_ref(), out))
+}
+
+fn report(
+    args: &CheckArgs,
+    config: &Config,
+    certificate: Option<&Report>,
+    out: &mut impl Write,
+) -> std::io::Result<()> {
     let replay = match config.replay {
         None => "none".to_owned(),
         Some(Replay::At(start)) => format!("begins at {start} of this host's clock"),
@@ -40,34 +54,30 @@ pub fn run(args: &CheckArgs) -> u8 {
         let report = serde_json::json!({
             "ok": true, "leader": config.id, "team": config.team, "listen": config.listen, "connect": config.connect,
             "replay": replay, "security": config.security.in_words(),
-            "certificate": certificate.as_ref().map(|report| &report.name),
+            "certificate": certificate.map(|report| &report.name),
             "remarks": certificate.iter().flat_map(|report| &report.remarks).collect::<Vec<_>>(),
         });
-        println!("{report}");
-        return 0;
+        return writeln!(out, "{report}");
     }
-    println!("{}: fine", args.config.display());
-    println!("  leader   {} of team {}, term {}", config.id, config.team, config.core.term);
+    writeln!(out, "{}: fine", args.config.display())?;
+    writeln!(out, "  leader   {} of team {}, term {}", config.id, config.team, config.core.term)?;
     let default = if config.listen_is_default { " (the default: this host alone)" } else { "" };
-    println!("  listens  {}{default}", config.listen.join(", "));
-    println!(
-        "  connects {}",
-        if config.connect.is_empty() { "to nobody".to_owned() } else { config.connect.join(", ") }
-    );
-    println!("  security {}", config.security.in_words());
-    if let Some(report) = &certificate {
-        println!("  named    {} by its certificate", report.name);
+    writeln!(out, "  listens  {}{default}", config.listen.join(", "))?;
+    let connects = if config.connect.is_empty() { "to nobody".to_owned() } else { config.connect.join(", ") };
+    writeln!(out, "  connects {connects}")?;
+    writeln!(out, "  security {}", config.security.in_words())?;
+    if let Some(report) = certificate {
+        writeln!(out, "  named    {} by its certificate", report.name)?;
     }
     match &config.core.anchor {
         Some(anchor) => {
             let pose = anchor.team_from_body;
             let heading_deg = pose.heading_rad.to_degrees();
-            println!("  frame    robot {} at ({}, {}) m, {heading_deg}°", anchor.robot, pose.x_m, pose.y_m);
+            writeln!(out, "  frame    robot {} at ({}, {}) m, {heading_deg}°", anchor.robot, pose.x_m, pose.y_m)?;
         }
-        None => println!("  frame    the body frame of the first standing robot"),
+        None => writeln!(out, "  frame    the body frame of the first standing robot")?,
     }
-    println!("  replay   {replay}");
-    0
+    writeln!(out, "  replay   {replay}")
 }
 
 /// Looks at the certificates before anything connects, and logs what people should know.

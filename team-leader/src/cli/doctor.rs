@@ -1,6 +1,7 @@
 //! `team-leader doctor`: listens to a running team for some seconds and says what is wrong and what would fix it.
 
 use std::collections::{BTreeMap, BTreeSet};
+use std::io::Write;
 use std::time::Duration;
 
 use clap::Args;
@@ -51,7 +52,10 @@ pub fn run(args: &DoctorArgs) -> u8 {
     let heard = runtime.block_on(listen(team, options, args));
     runtime.shutdown_timeout(CLOSE_LIMIT);
     match heard {
-        Ok(heard) => report(&diagnose(&heard), args.format),
+        Ok(heard) => {
+            let diagnosis = diagnose(&heard);
+            super::output(u8::from(!diagnosis.is_fine()), |out| report(&diagnosis, args.format, out))
+        }
         Err(error) => super::failure(&error, args.format),
     }
 }
@@ -138,12 +142,11 @@ fn figures_of(encoded: &[u8]) -> Option<PictureFigures> {
     picture_figures(picture.as_raw(), picture.width() as usize)
 }
 
-fn report(diagnosis: &Diagnosis, format: Format) -> u8 {
-    let code = u8::from(!diagnosis.is_fine());
+fn report(diagnosis: &Diagnosis, format: Format, out: &mut impl Write) -> std::io::Result<()> {
     if format == Format::Json {
-        let report = serde_json::json!({ "ok": code == 0, "findings": diagnosis.findings, "sees": diagnosis.sees });
-        println!("{report}");
-        return code;
+        let (findings, sees) = (&diagnosis.findings, &diagnosis.sees);
+        let report = serde_json::json!({ "ok": diagnosis.is_fine(), "findings": findings, "sees": sees });
+        return writeln!(out, "{report}");
     }
     for finding in &diagnosis.findings {
         let word = match finding.severity {
@@ -151,16 +154,16 @@ fn report(diagnosis: &Diagnosis, format: Format) -> u8 {
             Severity::Warning => "warning",
             Severity::Fine => "fine   ",
         };
-        println!("{word}  {}: {}", finding.about, finding.what);
+        writeln!(out, "{word}  {}: {}", finding.about, finding.what)?;
         if !finding.cure.is_empty() {
-            println!("           → {}", finding.cure);
+            writeln!(out, "           → {}", finding.cure)?;
         }
     }
     for sight in &diagnosis.sees {
         let peer = sight.peer.map_or("somebody".to_owned(), |peer| peer.to_string());
         let radius = sight.radius_m.map(|m| format!(", marker {m:.3} m in radius")).unwrap_or_default();
         let off = sight.elevation_error_deg.map(|deg| format!(", {deg:+.2}° in elevation")).unwrap_or_default();
-        println!("sees     {} → {peer}: {} times{radius}{off}", sight.observer, sight.sightings);
+        writeln!(out, "sees     {} → {peer}: {} times{radius}{off}", sight.observer, sight.sightings)?;
     }
-    code
+    Ok(())
 }

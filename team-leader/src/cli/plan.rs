@@ -6,7 +6,7 @@ use std::path::PathBuf;
 use clap::Args;
 
 use super::solve::{Format, read};
-use super::{failure, usage_error};
+use super::{failure, output, usage_error};
 use crate::planning::{Plan, PlanProblem, plan};
 
 /// Arguments of `plan`.
@@ -34,16 +34,12 @@ pub fn run(args: &PlanArgs) -> u8 {
         let why = "no place within reach is free, sees all targets and robots, and determines the targets";
         return failure(&why, args.format);
     };
-    match print(&best, args.format) {
-        Ok(()) => 0,
-        Err(error) => failure(&error, args.format),
-    }
+    output(0, |out| print(&best, args.format, out))
 }
 
-fn print(plan: &Plan, format: Format) -> std::io::Result<()> {
-    let mut out = std::io::stdout().lock();
+fn print(plan: &Plan, format: Format, out: &mut impl Write) -> std::io::Result<()> {
     if format == Format::Json {
-        serde_json::to_writer(&mut out, plan)?;
+        serde_json::to_writer(&mut *out, plan)?;
         return writeln!(out);
     }
     let here = plan.error_here_m.map_or_else(|| "not determined".to_owned(), |e| format!("{e:.4} m"));

@@ -1,5 +1,6 @@
 //! `team-leader provision`: the team's authority and the certificates of its members.
 
+use std::io::Write;
 use std::path::PathBuf;
 use std::time::Duration;
 
@@ -88,13 +89,10 @@ enum RoleWord {
 /// Does it; the exit code: 0 done, 1 a file, 2 a wrong request.
 pub fn run(args: &ProvisionArgs) -> u8 {
     match provision(args) {
-        Ok((text, json)) => {
-            match args.format {
-                Format::Text => println!("{text}"),
-                Format::Json => println!("{json}"),
-            }
-            0
-        }
+        Ok((text, json)) => super::output(0, |out| match args.format {
+            Format::Text => writeln!(out, "{text}"),
+            Format::Json => writeln!(out, "{json}"),
+        }),
         Err(error @ (ProvisionError::File { .. } | ProvisionError::Certificate(_))) => {
             super::failure(&error, args.format)
         }

@@ -98,40 +98,38 @@ pub fn run(args: &QueryArgs) -> u8 {
     let asked = runtime.block_on(ask(team, options, &args.what));
     runtime.shutdown_timeout(CLOSE_LIMIT);
     match asked {
-        Ok(()) => 0,
+        Ok(text) => super::output(0, |out| writeln!(out, "{text}")),
         Err(error @ (QueryError::Name(_) | QueryError::Picture(_))) => super::usage_error(&error, Format::Text),
         Err(error) => super::failure(&error, Format::Text),
     }
 }
 
-async fn ask(team: TeamId, options: Options, what: &What) -> Result<(), QueryError> {
+async fn ask(team: TeamId, options: Options, what: &What) -> Result<String, QueryError> {
     let transport = Transport::open(options).await?;
     let answered = answer(&transport, team, what).await;
     transport.close().await?;
     answered
 }
 
-async fn answer(transport: &Transport, team: TeamId, what: &What) -> Result<(), QueryError> {
-    match what {
+/// What to print.
+async fn answer(transport: &Transport, team: TeamId, what: &What) -> Result<String, QueryError> {
+    Ok(match what {
         What::Map => {
-            let map =
-                transport.ask_ruler(Key::map_json(team), &AskedMapJson, ANSWER_LIMIT, |map| term_of(map)).await?.answer;
-            print(&map);
+            transport.ask_ruler(Key::map_json(team), &AskedMapJson, ANSWER_LIMIT, |map| term_of(map)).await?.answer
         }
         What::Picture { robot, kind, out } => {
             let (robot, kind): (RobotId, PictureKind) = (robot.parse()?, kind.parse()?);
             let key = Key::robot(team, robot, RobotTopic::Picture(kind));
             let picture = transport.ask(key, &AskedPicture(kind), ANSWER_LIMIT).await?.answer;
             write(out, &picture.0)?;
-            print(&format!("{}: {} bytes", out.display(), picture.0.len()));
+            format!("{}: {} bytes", out.display(), picture.0.len())
         }
         What::Command { robot, command } => {
             let key = Key::robot(team, robot.parse()?, RobotTopic::Command);
             let reply = transport.ask(key, &Command::from(*command), ANSWER_LIMIT).await?.answer;
-            print(&in_words(reply)?);
+            in_words(reply)?
         }
-    }
-    Ok(())
+    })
 }
 
 /// The term in a map as JSON.
@@ -153,11 +151,6 @@ fn in_words(reply: CommandReply) -> Result<String, QueryError> {
         }),
     }
     .to_string())
-}
-
-fn print(text: &str) {
-    // Whoever read our output may have gone.
-    let _ = writeln!(std::io::stdout(), "{text}");
 }
 
 impl From<Word> for Command {

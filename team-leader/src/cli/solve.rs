@@ -60,7 +60,9 @@ enum Failure {
     Io(String, std::io::Error),
     #[error("{0}: {1}")]
     Input(String, SolveError),
-    #[error("standard output: {0}")]
+    #[error("{0}: has no line; one problem a line, each with `time_s`, would be right")]
+    NoLine(String),
+    #[error("cannot write to standard output: {0}")]
     Output(std::io::Error),
     #[error("--method closed-form solves one problem; --sequence runs the whole pipeline")]
     Method,
@@ -72,16 +74,9 @@ pub fn run(args: &SolveArgs) -> u8 {
     match work(args) {
         Ok(true) => 0,
         Ok(false) => 1,
-        Err(failure) => {
-            tell(&failure);
-            if matches!(failure, Failure::Output(_)) { 1 } else { 2 }
-        }
+        Err(Failure::Output(error)) => super::written(0, Err(error)),
+        Err(failure) => super::usage_error(&failure, Format::Text),
     }
-}
-
-#[expect(clippy::print_stderr, reason = "a command line tool's errors go to standard error")]
-fn tell(failure: &Failure) {
-    eprintln!("team-leader solve: {failure}");
 }
 
 fn work(args: &SolveArgs) -> Result<bool, Failure> {
@@ -113,10 +108,14 @@ fn work(args: &SolveArgs) -> Result<bool, Failure> {
 
 pub(super) fn read(path: &Path) -> std::io::Result<String> {
     let mut text = String::new();
-    if path.as_os_str() == "-" {
-        std::io::stdin().take(MAX_INPUT).read_to_string(&mut text)?;
+    let read = if path.as_os_str() == "-" {
+        std::io::stdin().take(MAX_INPUT + 1).read_to_string(&mut text)?
     } else {
-        File::open(path)?.take(MAX_INPUT).read_to_string(&mut text)?;
+        File::open(path)?.take(MAX_INPUT + 1).read_to_string(&mut text)?
+    };
+    if read as u64 > MAX_INPUT {
+        let why = format!("longer than {} MiB", MAX_INPUT >> 20);
+        return Err(std::io::Error::new(std::io::ErrorKind::FileTooLarge, why));
     }
     Ok(text)
 }
@@ -124,13 +123,19 @@ pub(super) fn read(path: &Path) -> std::io::Result<String> {
 fn run_sequence(path: &Path, format: Format, out: &mut impl Write) -> Result<bool, Failure> {
     let name = path.display().to_string();
     let file = File::open(path).map_err(|e| Failure::Io(name.clone(), e))?;
-    let mut sequence = Sequence::new();
+    let (mut sequence, mut is_empty) = (Sequence::new(), true);
     for line in BufReader::new(file).lines() {
         let line = line.map_err(|e| Failure::Io(name.clone(), e))?;
         if line.trim().is_empty() {
+            sequence.skip_line();
             continue;
         }
-        let map = sequence.line(&line).map_err(|e| Failure::Input(name.clone(), e))?;
+        is_empty = false;
+        let map = sequence.line(&line);
+        for notice in sequence.take_notices() {
+            tracing::warn!("{name}: {notice}");
+        }
+        let map = map.map_err(|e| Failure::Input(name.clone(), e))?;
         match format {
             Format::Json => {
                 serde_json::to_writer(&mut *out, &map).map_err(|e| Failure::Output(e.into()))?;
@@ -150,7 +155,7 @@ fn run_sequence(path: &Path, format: Format, out: &mut impl Write) -> Result<boo
             }
         }
     }
-    Ok(true)
+    if is_empty { Err(Failure::NoLine(name)) } else { Ok(true) }
 }
 
 fn print(solution: &Solution, out: &mut impl Write) -> std::io::Result<()> {

@@ -20,6 +20,7 @@
 
 use std::collections::BTreeMap;
 
+use protocol::fence::MAX_TERM;
 use protocol::id::LeaderId;
 use protocol::message::Candidacy;
 use protocol::time::Timestamp;
@@ -42,6 +43,11 @@ pub const MAX_LEADERS: usize = 16;
 pub fn elect<Name: Ord>(candidates: impl IntoIterator<Item = (Name, u16)>) -> Option<Name> {
     let best = |a: (Name, u16), b: (Name, u16)| if (b.1, &a.0) > (a.1, &b.0) { b } else { a };
     candidates.into_iter().reduce(best).map(|(name, _)| name)
+}
+
+/// The term that follows one. At the end of all terms it is the last one again, of which the lower name is believed.
+fn above(term: u64) -> u64 {
+    term.saturating_add(1).min(MAX_TERM)
 }
 
 /// Beginning or end of a reign.
@@ -122,7 +128,7 @@ impl Succession {
 
     /// A term was heard of: in a map, from a file.
     pub fn term_heard(&mut self, term: u64) {
-        self.highest = self.highest.max(term);
+        self.highest = self.highest.max(term.min(MAX_TERM));
     }
 
     /// A leader's token came or went.
@@ -145,7 +151,7 @@ impl Succession {
         if (word.leader, word.epoch) == self.own {
             return false;
         }
-        self.highest = self.highest.max(word.term);
+        self.term_heard(word.term);
         if let Some(other) = self.other(now, word.leader) {
             other.word = Some((*word, now));
         }
@@ -242,11 +248,12 @@ impl Succession {
         }
         if spoiled {
             // The other must not go on in a term that some have heard from this leader: one above makes it take a new one.
-            self.highest = self.highest.max(term + 1);
+            self.highest = self.highest.max(above(term));
             return Some(Change::End);
         }
         // Somewhere a higher term was believed, or this very term of somebody else: who heard it would not hear this leader.
-        (rival_of_my_term || self.highest > term).then(|| Change::Begin(self.highest + 1))
+        let next = above(self.highest);
+        ((rival_of_my_term || self.highest > term) && next > term).then_some(Change::Begin(next))
     }
 
     fn rise(&mut self, now: Timestamp, robots: u16) -> Option<Change> {
@@ -270,7 +277,7 @@ impl Succession {
                 other.token == Some(true) && other.word.is_none() && now.seconds_since(other.since) < FIRST_WORD_S
             }),
         };
-        may_begin.then(|| Change::Begin((self.highest + 1).max(self.first_term)))
+        may_begin.then(|| Change::Begin(above(self.highest).max(self.first_term)))
     }
 
     /// A leader's entry; the longest gone gives way where there are too many.

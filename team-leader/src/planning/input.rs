@@ -84,6 +84,22 @@ pub struct Box2 {
     pub y_m: [f64; 2],
 }
 
+impl Box2 {
+    /// Whether it is a rectangle at all: one with its sides exchanged holds nothing.
+    fn check(&self, place: &str) -> Result<(), SolveError> {
+        for (key, [from, to]) in [("x_m", self.x_m), ("y_m", self.y_m)] {
+            if !(from.is_finite() && to.is_finite() && from <= to) {
+                return Err(SolveError::Value {
+                    place: format!("{place}.{key}"),
+                    value: format!("[{from}, {to}]"),
+                    right: "two finite numbers, the lower one first".into(),
+                });
+            }
+        }
+        Ok(())
+    }
+}
+
 /// A robot of a plan.
 #[derive(Debug, Clone)]
 pub struct Planned {
@@ -122,19 +138,33 @@ impl PlanProblem {
     /// Parses and checks.
     pub fn parse(text: &str) -> Result<Self, SolveError> {
         let raw: PlanInput = serde_json::from_str(text).map_err(SolveError::Json)?;
-        let value = |place: String, value: String, right| Err(SolveError::Value { place, value, right });
+        let value = |place: String, value: String, right: &'static str| {
+            Err(SolveError::Value { place, value, right: right.into() })
+        };
         if !(2..=MAX_ROBOTS).contains(&raw.robots.len()) {
             return value("robots".into(), format!("{} robots", raw.robots.len()), "2 to 32 robots");
         }
         if !(1..=MAX_TARGETS).contains(&raw.targets.len()) {
             return value("targets".into(), format!("{} targets", raw.targets.len()), "1 to 64 targets");
         }
+        if let Some(area) = &raw.area {
+            area.check("area")?;
+        }
+        for (k, obstacle) in raw.obstacles.iter().enumerate() {
+            obstacle.check(&format!("obstacles[{k}]"))?;
+        }
         let finite = |place: String, v: f64| if v.is_finite() { Ok(v) } else { Err((place, v)) };
-        let wrong =
-            |(place, v): (String, f64)| SolveError::Value { place, value: v.to_string(), right: "a finite number" };
+        let wrong = |(place, v): (String, f64)| SolveError::Value {
+            place,
+            value: v.to_string(),
+            right: "a finite number".into(),
+        };
         let mut robots = Vec::new();
         for (k, r) in raw.robots.iter().enumerate() {
             let key = |name: &str| format!("robots[{k}].{name}");
+            if let Some(Err(problem)) = r.marker.as_ref().map(Marker::validate) {
+                return value(key("marker"), problem.to_string(), "the geometry of a real marker");
+            }
             let radius_m = r.radius_m.or_else(|| r.marker.as_ref().map(radius_of)).unwrap_or(0.2);
             if !(radius_m > 0.0 && radius_m < 5.0) {
                 return value(key("radius_m"), radius_m.to_string(), "0 to 5 m");

@@ -78,4 +78,18 @@ fn wrong_values_are_named() {
     assert!(error(json!({"robots": [robot], "targets": []})).contains("robots is 1 robots"));
     let twice = error(json!({"robots": [robot, robot], "targets": [{"id": "t", "x_m": 1, "y_m": 1}]}));
     assert!(twice.contains("r1") && twice.contains("twice"), "{twice}");
+    let with = |key: &str, thing: serde_json::Value| {
+        let mut input = json!({"robots": [robot, {"id": "r2", "x_m": 2, "y_m": 0}],
+            "targets": [{"id": "t", "x_m": 1, "y_m": 1}]});
+        input[key] = thing;
+        error(input)
+    };
+    // Each would be free space, silently.
+    let reversed = with("obstacles", json!([{"x_m": [0, 1], "y_m": [0, 1]}, {"x_m": [0, 1], "y_m": [1.5, 1]}]));
+    assert_eq!(reversed, "obstacles[1].y_m is [1.5, 1]; two finite numbers, the lower one first would be right");
+    let outside_in = with("area", json!({"x_m": [4, -4], "y_m": [-3, 3]}));
+    assert!(outside_in.contains("area.x_m is [4, -4]"), "{outside_in}");
+    let thin = json!({"id": "r2", "x_m": 2, "y_m": 0, "marker": {"kind": "cylinder", "radius_m": -0.2}});
+    let thin = with("robots", json!([robot, thin]));
+    assert!(thin.contains("robots[1].marker") && thin.contains("radius_m is -0.2; legal is more than 0"), "{thin}");
 }

@@ -59,9 +59,23 @@ impl StateDir {
         let failed = |source| StateError::Folder { path: folder.to_owned(), source };
         fs::create_dir_all(folder).map_err(failed)?;
         let dir = Self { folder: folder.to_owned(), team };
-        let probe = dir.file("probe");
+        let probe = dir.file(&format!("probe-{}", std::process::id()));
         fs::write(&probe, b"").and_then(|()| fs::remove_file(&probe)).map_err(failed)?;
         Ok(dir)
+    }
+
+    /// Whether state could be kept in this folder; leaves nothing there.
+    ///
+    /// # Errors
+    /// It cannot be made or written to.
+    pub fn check(folder: &Path, team: TeamId) -> Result<(), StateError> {
+        let missing: Vec<&Path> = folder.ancestors().take_while(|part| !part.exists()).collect();
+        let opened = Self::open(folder, team);
+        for made in missing {
+            // One that could not be made is not there, and one that somebody else uses by now stays.
+            let _ = fs::remove_dir(made);
+        }
+        opened.map(drop)
     }
 
     /// The last saved map; `None` where there is none. One that cannot be read is put aside, and said.

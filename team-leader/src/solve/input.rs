@@ -9,6 +9,7 @@ use protocol::marker::Marker;
 use serde::Deserialize;
 
 use super::SolveError;
+use super::fitting::{KINDS, kind_of, misfit};
 use super::layout::Nuisance;
 
 /// Stamps of bearings that may be of one place, seconds.
@@ -89,14 +90,18 @@ pub struct RawPose {
     pub heading_deg: f64,
 }
 
-/// A sighting as written; `robot` is another word for `peer`.
+/// A sighting as written: an entry of `peers` with its `observer`, and its `peer` where the marker does not say who it is.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
 #[expect(missing_docs, reason = "the names say it")]
 pub struct RawSighting {
     pub observer: String,
-    #[serde(default, alias = "robot")]
+    #[serde(default)]
     pub peer: Option<String>,
+    /// Another word for `peer`.
+    #[serde(default)]
+    pub robot: Option<String>,
+    /// Kind of the peer's marker.
     pub marker: Option<String>,
     pub bearing_deg: Option<f64>,
     pub bearing_sigma_deg: Option<f64>,
@@ -104,6 +109,8 @@ pub struct RawSighting {
     pub range_sigma_m: Option<f64>,
     pub heading_deg: Option<f64>,
     pub heading_sigma_deg: Option<f64>,
+    /// That it is a robot at all, 0 to 1; who writes a sighting into a file is sure of it.
+    pub confidence: Option<f64>,
     #[serde(default)]
     pub features: Vec<RawFeature>,
     pub features_deg: Option<Vec<f64>>,
@@ -122,6 +129,9 @@ pub struct RawFeature {
     pub sigma_deg: f64,
     #[serde(default)]
     pub elevation_deg: Option<[f64; 2]>,
+    /// Default `sigma_deg`.
+    #[serde(default)]
+    pub elevation_sigma_deg: Option<f64>,
 }
 
 /// Part of a marker as written.
@@ -226,7 +236,7 @@ pub struct Feature {
     pub part: Part,
     /// Bearing.
     pub bearing_rad: f64,
-    /// Of bearing and elevations.
+    /// Of bearing and elevations; of [`Part::Ends`] of the elevations.
     pub sigma_rad: f64,
     /// Of the lower and upper end.
     pub elevation_rad: Option<[f64; 2]>,
@@ -245,6 +255,46 @@ pub enum Part {
     UnnumberedBar,
     /// 0 right, 1 left edge of a rectangle.
     Edge(usize),
+    /// The ends alone of the feature before it, where their sigma is another one; its bearing is not measured again.
+    Ends(Upright),
+}
+
+/// What stands upright and has a lower and an upper end.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Upright {
+    /// The near side of a round body.
+    Near,
+    /// Bar of this number.
+    Bar(usize),
+    /// One of the bars.
+    UnnumberedBar,
+    /// 0 right, 1 left edge of a rectangle.
+    Edge(usize),
+}
+
+impl Part {
+    /// The ends of this part.
+    fn ends(self) -> Self {
+        Self::Ends(match self {
+            Self::Left | Self::Right => Upright::Near,
+            Self::Bar(n) => Upright::Bar(n),
+            Self::UnnumberedBar => Upright::UnnumberedBar,
+            Self::Edge(n) => Upright::Edge(n),
+            Self::Ends(of) => of,
+        })
+    }
+
+    /// As the file has it.
+    pub fn in_words(self) -> String {
+        match self {
+            Self::Left => "left".to_owned(),
+            Self::Right => "right".to_owned(),
+            Self::Bar(n) => format!("bar {n}"),
+            Self::UnnumberedBar => "a bar".to_owned(),
+            Self::Edge(n) => format!("edge {n}"),
+            Self::Ends(_) => "its ends".to_owned(),
+        }
+    }
 }
 
 /// A bearing of a target, radians.
@@ -302,16 +352,28 @@ pub struct Problem {
     pub landmarks: Vec<Landmark>,
     /// Of each bearing, whether its target was found by [`super::pairing`]; empty before that.
     pub paired: Vec<bool>,
+    /// What was left out of what is written, in words.
+    pub remarks: Vec<String>,
 }
 
 impl Problem {
     /// Parses and checks one problem.
     pub fn parse(text: &str) -> Result<Self, SolveError> {
         let raw: RawProblem = serde_json::from_str(text).map_err(SolveError::Json)?;
+        if !raw.odometry.is_empty() {
+            return Err(SolveError::Value {
+                place: "odometry".into(),
+                value: format!("given {} times", raw.odometry.len()),
+                right:
+                    "nothing (it is for the lines of `--sequence`; in one problem a later place of a robot is another \
+                        robot with `moved_from`)"
+                        .into(),
+            });
+        }
         Self::check(&raw)
     }
 
-    /// Checks one problem.
+    /// Checks one problem, or a line of a sequence.
     pub fn check(raw: &RawProblem) -> Result<Self, SolveError> {
         let mut robots: Vec<Robot> = Vec::with_capacity(raw.robots.len());
         for robot in &raw.robots {
@@ -354,17 +416,28 @@ impl Problem {
         let mut sightings = Vec::new();
         for (k, s) in raw.sightings.iter().enumerate() {
             let observer = robot_of(&s.observer, format!("sightings[{k}].observer"))?;
-            let peer = s.peer.as_ref().map(|id| robot_of(id, format!("sightings[{k}].peer"))).transpose()?;
-            if let (Some(peer), Some(name)) = (peer, &s.peer)
+            if let (Some(peer), Some(robot)) = (&s.peer, &s.robot)
+                && peer != robot
+            {
+                return Err(SolveError::Value {
+                    place: format!("sightings[{k}].robot"),
+                    value: format!("{robot:?}"),
+                    right: format!("{peer:?}, as `peer` says, or null").into(),
+                });
+            }
+            let named = s.peer.as_ref().or(s.robot.as_ref());
+            let key = if s.peer.is_some() { "peer" } else { "robot" };
+            let peer = named.map(|id| robot_of(id, format!("sightings[{k}].{key}"))).transpose()?;
+            if let (Some(peer), Some(name)) = (peer, named)
                 && first_place(&robots, peer) == first_place(&robots, observer)
             {
                 return Err(SolveError::Value {
-                    place: format!("sightings[{k}].peer"),
+                    place: format!("sightings[{k}].{key}"),
                     value: name.clone(),
-                    right: "another robot than the observer",
+                    right: "another robot than the observer".into(),
                 });
             }
-            sightings.push(check_sighting(k, s, observer, peer)?);
+            sightings.push(check_sighting(k, s, observer, peer, &robots)?);
         }
         let mut bearings = Vec::new();
         for (k, b) in raw.bearings.iter().enumerate() {
@@ -388,7 +461,11 @@ impl Problem {
             });
         }
         let times = vec![None; targets.len()];
-        Ok(Self { robots, anchor, sightings, bearings, targets, times, landmarks, paired: Vec::new() })
+        let is_vague = |s: &RawSighting| s.heading_deg.is_some() && s.heading_sigma_deg.is_none();
+        let vague = raw.sightings.iter().enumerate().filter(|(_, s)| is_vague(s));
+        let remarks = vague.map(|(k, _)| format!("sightings[{k}]: heading_deg without heading_sigma_deg is left out"));
+        let remarks = remarks.collect();
+        Ok(Self { robots, anchor, sightings, bearings, targets, times, landmarks, paired: Vec::new(), remarks })
     }
 
     /// The bearings that were found to be of a target.
@@ -445,7 +522,7 @@ fn check_moved(raw: &RawMoved, place: impl Fn(&str) -> String, before: &[Robot])
     let from = before.iter().position(|r| r.id == raw.robot).ok_or_else(|| SolveError::Value {
         place: place("moved_from.robot"),
         value: format!("{:?}", raw.robot),
-        right: "a robot that is listed before it",
+        right: "a robot that is listed before it".into(),
     })?;
     let number = |value: f64, key: &str| finite(value, || place(&format!("moved_from.{key}")));
     let step = [
@@ -459,7 +536,7 @@ fn check_moved(raw: &RawMoved, place: impl Fn(&str) -> String, before: &[Robot])
         return Err(SolveError::Value {
             place: place("moved_from.covariance"),
             value: format!("{:?}", raw.covariance),
-            right: "a symmetric, positive definite matrix of m and rad",
+            right: "a symmetric, positive definite matrix of m and rad".into(),
         });
     }
     Ok(Moved { from, step, covariance })
@@ -472,7 +549,7 @@ fn check_robot(raw: &RawRobot, before: &[Robot]) -> Result<Robot, SolveError> {
         return Err(SolveError::Value {
             place: place("bearing_bias_sigma_deg or time_offset_sigma_s"),
             value: "given again".into(),
-            right: "to say it once, where the robot is listed first: a camera keeps its errors",
+            right: "to say it once, where the robot is listed first: a camera keeps its errors".into(),
         });
     }
     let earlier = moved.map(|m| &before[m.from]);
@@ -485,7 +562,7 @@ fn check_robot(raw: &RawRobot, before: &[Robot]) -> Result<Robot, SolveError> {
     marker.validate().map_err(|e| SolveError::Value {
         place: place("marker"),
         value: e.to_string(),
-        right: "the geometry of a real marker",
+        right: "the geometry of a real marker".into(),
     })?;
     let pose = match raw.pose {
         Some(p) => Some(Pose2::new(
@@ -509,52 +586,88 @@ fn check_robot(raw: &RawRobot, before: &[Robot]) -> Result<Robot, SolveError> {
     })
 }
 
-fn check_sighting(k: usize, s: &RawSighting, observer: usize, peer: Option<usize>) -> Result<Sighting, SolveError> {
+fn check_sighting(
+    k: usize,
+    s: &RawSighting,
+    observer: usize,
+    peer: Option<usize>,
+    robots: &[Robot],
+) -> Result<Sighting, SolveError> {
     let place = |field: &str| format!("sightings[{k}].{field}");
     let rad = 1f64.to_radians();
     let angle = |v: Option<f64>, sigma: Option<f64>, a: &str, b: &str| pair(v, sigma, || place(a), || place(b), rad);
+    if let Some(kind) = &s.marker {
+        check_kind(kind, place("marker"), observer, peer, robots)?;
+    }
+    if let Some(confidence) = s.confidence.filter(|c| !(0.0..=1.0).contains(c)) {
+        let (place, value) = (place("confidence"), confidence.to_string());
+        return Err(SolveError::Value { place, value, right: "0 to 1".into() });
+    }
     let mut features = Vec::new();
-    for f in &s.features {
-        features.push(Feature {
-            part: match (f.part, f.index) {
-                (RawPart::Left, _) => Part::Left,
-                (RawPart::Right, _) => Part::Right,
-                (RawPart::Bar, Some(n)) => Part::Bar(usize::from(n)),
-                (RawPart::Bar, None) => Part::UnnumberedBar,
-                (RawPart::Edge, Some(n)) if n < 2 => Part::Edge(usize::from(n)),
-                (part, index) => {
-                    return Err(SolveError::Value {
-                        place: place("features.index"),
-                        value: format!("{index:?} of {part:?}"),
-                        right: "0 (right) or 1 (left) for an edge",
-                    });
-                }
-            },
-            bearing_rad: wrap(finite(f.bearing_deg, || place("features.bearing_deg"))?.to_radians()),
-            sigma_rad: positive(f.sigma_deg, || place("features.sigma_deg"))?.to_radians(),
-            elevation_rad: match f.elevation_deg {
-                Some([low, high]) => Some([
-                    finite(low, || place("features.elevation_deg"))?.to_radians(),
-                    finite(high, || place("features.elevation_deg"))?.to_radians(),
-                ]),
-                None => None,
-            },
-        });
+    for (n, f) in s.features.iter().enumerate() {
+        let place = |field: &str| place(&format!("features[{n}].{field}"));
+        let part = match (f.part, f.index) {
+            (RawPart::Left, _) => Part::Left,
+            (RawPart::Right, _) => Part::Right,
+            (RawPart::Bar, Some(n)) => Part::Bar(usize::from(n)),
+            (RawPart::Bar, None) => Part::UnnumberedBar,
+            (RawPart::Edge, Some(n)) if n < 2 => Part::Edge(usize::from(n)),
+            (RawPart::Edge, index) => {
+                return Err(SolveError::Value {
+                    place: place("index"),
+                    value: index.map_or_else(|| "null".into(), |n| n.to_string()),
+                    right: "0 (right) or 1 (left) for an edge".into(),
+                });
+            }
+        };
+        // With a bearing beside, `fitting` leaves it out and says so.
+        if let Some(peer) = peer.filter(|_| s.bearing_deg.is_none())
+            && let Some(has) = misfit(&robots[peer].marker, part)
+        {
+            return Err(SolveError::Value {
+                place: place("part"),
+                value: part.in_words(),
+                right: format!("{has}: {} wears a marker of kind {}", robots[peer].id, kind_of(&robots[peer].marker))
+                    .into(),
+            });
+        }
+        let bearing_rad = wrap(finite(f.bearing_deg, || place("bearing_deg"))?.to_radians());
+        let sigma_rad = positive(f.sigma_deg, || place("sigma_deg"))?.to_radians();
+        let end = |deg: f64| Ok(finite(deg, || place("elevation_deg"))?.to_radians());
+        let ends = f.elevation_deg.map(|[low, high]| Ok([end(low)?, end(high)?])).transpose()?;
+        let own = f.elevation_sigma_deg.map(|deg| positive(deg, || place("elevation_sigma_deg"))).transpose()?;
+        match (ends, own) {
+            (Some(_), Some(sigma_deg)) => {
+                features.push(Feature { part, bearing_rad, sigma_rad, elevation_rad: None });
+                let sigma_rad = sigma_deg.to_radians();
+                features.push(Feature { part: part.ends(), bearing_rad, sigma_rad, elevation_rad: ends });
+            }
+            _ => features.push(Feature { part, bearing_rad, sigma_rad, elevation_rad: ends }),
+        }
     }
     if let Some(tangents) = &s.features_deg {
         let sigma_deg = s.feature_sigma_deg.ok_or_else(|| SolveError::Value {
             place: place("feature_sigma_deg"),
             value: "nothing".into(),
-            right: "a positive number of degrees, with features_deg",
+            right: "a positive number of degrees, with features_deg".into(),
         })?;
         let sigma_rad = positive(sigma_deg, || place("feature_sigma_deg"))?.to_radians();
         let [right, left] = tangents[..] else {
             return Err(SolveError::Value {
                 place: place("features_deg"),
                 value: format!("{} numbers", tangents.len()),
-                right: "two: the right and the left tangent",
+                right: "two: the right and the left tangent".into(),
             });
         };
+        if let Some(peer) = peer.filter(|_| s.bearing_deg.is_none())
+            && let Some(has) = misfit(&robots[peer].marker, Part::Left)
+        {
+            return Err(SolveError::Value {
+                place: place("features_deg"),
+                value: format!("{tangents:?}"),
+                right: format!("`features` with {has}: {} wears no round marker", robots[peer].id).into(),
+            });
+        }
         for (part, deg) in [(Part::Right, right), (Part::Left, left)] {
             let bearing_rad = wrap(finite(deg, || place("features_deg"))?.to_radians());
             features.push(Feature { part, bearing_rad, sigma_rad, elevation_rad: None });
@@ -565,7 +678,7 @@ fn check_sighting(k: usize, s: &RawSighting, observer: usize, peer: Option<usize
         return Err(SolveError::Value {
             place: place("bearing_deg"),
             value: "nothing".into(),
-            right: "a bearing, or features",
+            right: "a bearing, or features".into(),
         });
     }
     let range = pair(s.range_m, s.range_sigma_m, || place("range_m"), || place("range_sigma_m"), 1.0)?;
@@ -577,12 +690,35 @@ fn check_sighting(k: usize, s: &RawSighting, observer: usize, peer: Option<usize
         peer,
         bearing: bearing.map(|(b, sigma)| (wrap(b), sigma)),
         range,
-        heading: angle(s.heading_deg, s.heading_sigma_deg, "heading_deg", "heading_sigma_deg").or_else(|e| {
-            // `peers` prints a heading without its sigma: then it is left out.
-            if s.heading_sigma_deg.is_none() { Ok(None) } else { Err(e) }
-        })?,
+        // DESIGN's `peers` line has a heading and no sigma of it: such a one is told and left out (`Problem::check`).
+        heading: match s.heading_sigma_deg {
+            Some(_) => angle(s.heading_deg, s.heading_sigma_deg, "heading_deg", "heading_sigma_deg")?,
+            None => None,
+        },
         features,
     })
+}
+
+/// A sighting's `marker` is that of its peer, or of one of those who may be it.
+fn check_kind(
+    kind: &str,
+    place: String,
+    observer: usize,
+    peer: Option<usize>,
+    robots: &[Robot],
+) -> Result<(), SolveError> {
+    let right = match peer {
+        _ if !KINDS.contains(&kind) => format!("one of {}", KINDS.join(", ")),
+        Some(peer) if kind_of(&robots[peer].marker) != kind => {
+            let worn = kind_of(&robots[peer].marker);
+            format!("{worn:?}, which {} wears (`marker` in its entry of `robots`)", robots[peer].id)
+        }
+        None if (0..robots.len()).all(|r| r == observer || kind_of(&robots[r].marker) != kind) => {
+            "the marker that one of the other robots wears (`marker` in its entry of `robots`)".to_owned()
+        }
+        _ => return Ok(()),
+    };
+    Err(SolveError::Value { place, value: format!("{kind:?}"), right: right.into() })
 }
 
 /// A value with its sigma, both in `unit`; a value without sigma is an error.
@@ -598,7 +734,7 @@ fn pair(
     let sigma = sigma.ok_or_else(|| SolveError::Value {
         place: sigma_place(),
         value: "nothing".into(),
-        right: "a positive standard deviation beside its value",
+        right: "a positive standard deviation beside its value".into(),
     })?;
     Ok(Some((value, positive(sigma, sigma_place)? * unit)))
 }
@@ -607,12 +743,12 @@ fn finite(value: f64, place: impl Fn() -> String) -> Result<f64, SolveError> {
     if value.is_finite() && value.abs() < 1e9 {
         return Ok(value);
     }
-    Err(SolveError::Value { place: place(), value: value.to_string(), right: "a finite number" })
+    Err(SolveError::Value { place: place(), value: value.to_string(), right: "a finite number".into() })
 }
 
 fn positive(value: f64, place: impl Fn() -> String) -> Result<f64, SolveError> {
     if value.is_finite() && value > 0.0 && value < 1e9 {
         return Ok(value);
     }
-    Err(SolveError::Value { place: place(), value: value.to_string(), right: "a finite number above zero" })
+    Err(SolveError::Value { place: place(), value: value.to_string(), right: "a finite number above zero".into() })
 }

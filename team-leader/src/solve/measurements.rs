@@ -2,7 +2,7 @@
 
 use protocol::marker::Marker;
 
-use super::input::{Moved, Part, Problem, Sighting};
+use super::input::{Moved, Part, Problem, Sighting, Upright};
 use super::terms::{Kind, Other, Term};
 
 /// All measurements between things that take part, and which targets do.
@@ -56,7 +56,7 @@ fn way_terms(moved: &Moved, robot: usize, terms: &mut Vec<Term>) {
     }
 }
 
-/// The features are the measurement where there are any; else bearing, range, heading.
+/// The features are the measurement where there are any; else bearing and range. A heading is one beside what does not show it.
 fn sighting_terms(problem: &Problem, s: &Sighting, peer: usize, terms: &mut Vec<Term>) {
     let camera_m = problem.robots[s.observer].camera_height_m;
     let mut push = |kind, measured, sigma| {
@@ -69,7 +69,9 @@ fn sighting_terms(problem: &Problem, s: &Sighting, peer: usize, terms: &mut Vec<
             }
         }
     }
-    if let Some((measured, sigma)) = s.heading {
+    // Bars and edges show the heading themselves: one beside them was found by them.
+    let shown = s.features.iter().any(|f| matches!(f.part, Part::Bar(_) | Part::Edge(_)));
+    if let Some((measured, sigma)) = s.heading.filter(|_| !shown) {
         push(Kind::Heading, measured, sigma);
     }
     for f in &s.features {
@@ -78,30 +80,38 @@ fn sighting_terms(problem: &Problem, s: &Sighting, peer: usize, terms: &mut Vec<
                 push(make(z_m), measured, f.sigma_rad);
             }
         };
+        let is_ends = matches!(f.part, Part::Ends(_));
         match (&problem.robots[peer].marker, f.part) {
             (
                 Marker::Cylinder { radius_m, height_m, .. } | Marker::Bars { radius_m, height_m, .. },
-                Part::Left | Part::Right,
+                Part::Left | Part::Right | Part::Ends(Upright::Near),
             ) => {
                 let radius_m = *radius_m;
-                let side = if f.part == Part::Left { 1.0 } else { -1.0 };
-                push(Kind::Tangent { radius_m, side }, f.bearing_rad, f.sigma_rad);
+                if !is_ends {
+                    let side = if f.part == Part::Left { 1.0 } else { -1.0 };
+                    push(Kind::Tangent { radius_m, side }, f.bearing_rad, f.sigma_rad);
+                }
                 ends(&|z_m| Kind::RingElevation { radius_m, z_m, camera_m }, *height_m, &mut push);
             }
-            (Marker::Bars { radius_m, azimuths_deg, height_m, .. }, Part::Bar(n)) => {
+            (Marker::Bars { radius_m, azimuths_deg, height_m, .. }, Part::Bar(n) | Part::Ends(Upright::Bar(n))) => {
                 let Some(azimuth) = azimuths_deg.get(n) else { continue };
                 let (sin, cos) = azimuth.to_radians().sin_cos();
                 let at_m = [radius_m * cos, radius_m * sin];
-                push(Kind::BodyPoint { at_m }, f.bearing_rad, f.sigma_rad);
+                if !is_ends {
+                    push(Kind::BodyPoint { at_m }, f.bearing_rad, f.sigma_rad);
+                }
                 ends(&|z_m| Kind::BodyPointElevation { at_m, z_m, camera_m }, *height_m, &mut push);
             }
-            (marker @ Marker::Rectangle { height_m, bottom_m, .. }, Part::Edge(n)) => {
+            (marker @ Marker::Rectangle { height_m, bottom_m, .. }, Part::Edge(n) | Part::Ends(Upright::Edge(n))) => {
                 let Some(edge) = marker.edge_points().and_then(|edges| edges.get(n).copied()) else { continue };
                 let at_m = [edge.x, edge.y];
-                push(Kind::BodyPoint { at_m }, f.bearing_rad, f.sigma_rad);
+                if !is_ends {
+                    push(Kind::BodyPoint { at_m }, f.bearing_rad, f.sigma_rad);
+                }
                 let heights = [*bottom_m, bottom_m + height_m];
                 ends(&|z_m| Kind::BodyPointElevation { at_m, z_m, camera_m }, heights, &mut push);
             }
+            // `fitting` has left no others, and said so.
             _ => {}
         }
     }

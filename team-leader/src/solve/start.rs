@@ -14,7 +14,7 @@ use protocol::marker::closed_form::{PlateView, plate, three_bars};
 use protocol::message::MapStatus;
 use protocol::time::Timestamp;
 
-use super::input::{Part, Problem, Sighting};
+use super::input::{Feature, Part, Problem, Sighting, Upright};
 use super::layout::{State, TARGET};
 use super::resection::resect;
 use super::terms::{Kind, Other, Term};
@@ -25,6 +25,9 @@ use crate::calibration::slot::{Sighted, Slot};
 
 /// A margin as in the live calibration.
 const NAMING_MARGIN: f64 = 14.0;
+
+/// Sigma of a bearing that is the mean of features, none of which tells where the axis is.
+pub const MEAN_SIGMA_RAD: f64 = 0.05;
 
 /// Axis bearing and range of a sighting, each with sigma: as given, or from the tangents.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -47,10 +50,10 @@ pub fn axis(sighting: &Sighting, radius_m: Option<f64>) -> Option<Axis> {
         return Some(Axis { bearing: (wrap(right.bearing_rad + 0.5 * width), 0.5 * sigma), range });
     }
     let from_features = || {
-        let n = sighting.features.len() as f64;
-        let first = sighting.features.first()?;
-        let mean = sighting.features.iter().map(|f| wrap(f.bearing_rad - first.bearing_rad)).sum::<f64>() / n;
-        Some((wrap(first.bearing_rad + mean), 0.05))
+        let measured = || sighting.features.iter().filter(|f| !matches!(f.part, Part::Ends(_)));
+        let first = measured().next()?;
+        let sum = measured().map(|f| wrap(f.bearing_rad - first.bearing_rad)).sum::<f64>();
+        Some((wrap(first.bearing_rad + sum / measured().count() as f64), MEAN_SIGMA_RAD))
     };
     let bearing = sighting.bearing.or_else(from_features)?;
     Some(Axis { bearing, range: sighting.range })
@@ -96,24 +99,29 @@ fn by_bars(sighting: &Sighting, radius_m: f64, azimuths_deg: &[f64]) -> Option<S
 fn by_plate(sighting: &Sighting, marker: &Marker, height_m: f64, behind_m: f64) -> Option<Seen> {
     let edge = |n| sighting.features.iter().find(|f| f.part == Part::Edge(n));
     let (right, left) = (edge(0)?, edge(1)?);
-    let apparent = |f: &super::input::Feature| f.elevation_rad.map(|[low, high]| high.tan() - low.tan());
-    let (h_right, h_left) = (apparent(right)?, apparent(left)?);
+    let apparent = |n| {
+        let is_its = |f: &&Feature| [Part::Edge(n), Part::Ends(Upright::Edge(n))].contains(&f.part);
+        let measured = |f: &Feature| f.elevation_rad.map(|[low, high]| (high.tan() - low.tan(), f.sigma_rad));
+        sighting.features.iter().filter(is_its).find_map(measured)
+    };
+    let ((h_right, height_sigma_right), (h_left, height_sigma_left)) = (apparent(0)?, apparent(1)?);
     if h_right <= 0.0 || h_left <= 0.0 {
         return None;
     }
     let mean = 0.5 * (h_right + h_left);
     let sigma = right.sigma_rad.hypot(left.sigma_rad);
+    let height_sigma = height_sigma_right.hypot(height_sigma_left);
     let range = height_m / mean + behind_m;
     let across = wrap(left.bearing_rad - right.bearing_rad);
     let axis = Axis {
         bearing: (wrap(right.bearing_rad + 0.5 * across), 0.5 * sigma.max(0.1 * across.abs())),
-        range: Some((range, range * sigma / mean)),
+        range: Some((range, range * height_sigma / mean)),
     };
     let view = PlateView {
         bearings_rad: [left.bearing_rad, right.bearing_rad],
         bearing_sigma_rad: sigma,
         heights: [h_left, h_right],
-        relative_height_sigma: sigma / mean,
+        relative_height_sigma: height_sigma / mean,
     };
     Some((axis, plate(&view, marker).map(|found| (found.value[2], found.sigma(2)))))
 }

@@ -3,6 +3,8 @@ use serde_json::{Value, json};
 use super::*;
 
 mod bad_input;
+mod files;
+mod lines;
 mod over_time;
 mod places;
 

@@ -256,6 +256,29 @@ fn a_lone_leader_begins_after_it_has_listened_and_a_remembered_term_is_topped() 
 }
 
 #[test]
+fn the_highest_term_that_can_be_said_ends_no_leader_and_nobody_takes_over_from_it_with_a_low_one() {
+    let start = Timestamp::from_secs_f64(5.0);
+    for hostile in [u64::MAX, u64::MAX - 1, MAX_TERM, MAX_TERM - 1] {
+        let mut succession = Succession::new(name(0), 1, 1, 0, 0.0);
+        let word = Candidacy { leader: name(1), epoch: 1, term: hostile, rules: true, robots: 0, replay_start: None };
+        succession.heard(start, &word);
+        succession.term_heard(hostile);
+        for tenth in 1..60 {
+            let now = start.offset_by_secs(0.1 * f64::from(tenth));
+            if tenth == 30 {
+                // It rules by now and is contradicted.
+                succession.heard(now, &word);
+            }
+            succession.decide(now, 3);
+            if let Some(word) = succession.word(now, 3, None) {
+                protocol::codec::encode(&word).unwrap();
+            }
+        }
+        assert_eq!(succession.reign(), Some(MAX_TERM), "{hostile}");
+    }
+}
+
+#[test]
 fn strangers_without_end_cost_no_memory() {
     let mut succession = Succession::new(name(0), 1, 1, 0, 0.0);
     let now = Timestamp::from_secs_f64(5.0);
