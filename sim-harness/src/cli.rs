@@ -17,4 +17,5 @@ pub mod scale;
 pub mod score;
 pub mod seeds;
 pub mod table;
+mod told;
 pub mod zoo;

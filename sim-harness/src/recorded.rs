@@ -45,3 +45,6 @@ pub fn median(mut values: Vec<f64>) -> f64 {
         n => 0.5 * (values[(n - 1) / 2] + values[n / 2]),
     }
 }
+
+#[cfg(test)]
+mod tests;

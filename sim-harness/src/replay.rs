@@ -65,6 +65,24 @@ struct Header {
     robots: Vec<RobotId>,
 }
 
+impl Header {
+    /// What is wrong, in words.
+    fn check(&self, file: &str) -> Result<(), String> {
+        self.scenario.check(file).map_err(|error| error.to_string())?;
+        let (longest_s, robots) = (self.scenario.duration_s, self.scenario.robots.count);
+        if !(self.duration_s > 0.0 && self.duration_s <= longest_s) {
+            return Err(format!(
+                "`duration_s = {}` is not possible; more than 0 and at most {longest_s} seconds, the scenario's length, would be right",
+                self.duration_s
+            ));
+        }
+        if self.robots.len() != robots {
+            return Err(format!("`robots` names {}; the scenario's {robots} would be right", self.robots.len()));
+        }
+        Ok(())
+    }
+}
+
 #[derive(Debug, Serialize, Deserialize)]
 #[serde(untagged)]
 enum Line {
@@ -134,6 +152,7 @@ impl Recording {
         let mut lines = BufReader::new(file).lines();
         let first = lines.next().ok_or_else(|| fault("is empty".to_owned()))?.map_err(|e| fault(e.to_string()))?;
         let header: Header = serde_json::from_str(&first).map_err(|e| fault(format!("line 1: {e}")))?;
+        header.check(&path.display().to_string()).map_err(|why| fault(format!("line 1: {why}")))?;
         let mut heard = Vec::new();
         let mut glimpses = vec![Vec::new(); header.robots.len()];
         for (line, number) in lines.zip(2..) {
@@ -155,6 +174,10 @@ impl Recording {
             if heard.len() > MAX_MESSAGES {
                 return Err(fault(format!("more than {MAX_MESSAGES} messages")));
             }
+        }
+        if heard.is_empty() {
+            let wanted = r#"lines {"arrival_ns":..,"key":..,"envelope":..} would be right"#;
+            return Err(fault(format!("has no message to the leader; {wanted}")));
         }
         Ok(Self { header, heard, glimpses })
     }
@@ -231,4 +254,39 @@ fn bytes(hexadecimal: &str) -> Option<Arc<[u8]>> {
     let (pairs, rest) = hexadecimal.as_bytes().as_chunks::<2>();
     let bytes = pairs.iter().map(|[high, low]| Some(16 * digit(high)? + digit(low)?)).collect();
     if rest.is_empty() { bytes } else { None }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The error of a recording of the scenario `tiny` with a first line that is changed and these lines after it.
+    fn refused(change: impl Fn(&mut Header), rest: &str) -> String {
+        let scenario = Scenario::builtin("tiny").unwrap().unwrap();
+        let robots = scenario.robot_ids();
+        let mut header = Header { duration_s: scenario.duration_s, seed: 1, scenario, robots };
+        change(&mut header);
+        let file = tempfile::NamedTempFile::new().unwrap();
+        std::fs::write(file.path(), format!("{}\n{rest}", serde_json::to_string(&header).unwrap())).unwrap();
+        Recording::read(file.path()).unwrap_err().to_string()
+    }
+
+    #[test]
+    fn a_recording_without_messages_is_refused() {
+        let error = refused(|_| {}, "");
+        assert!(error.contains("no message") && error.contains("arrival_ns"), "{error}");
+    }
+
+    #[test]
+    fn a_first_line_that_cannot_be_is_named_with_key_and_value() {
+        for duration_s in [-1.0, 0.0, 1e300] {
+            let error = refused(|header| header.duration_s = duration_s, "");
+            let named = error.contains("line 1") && error.contains(&format!("`duration_s = {duration_s}`"));
+            assert!(named && error.contains("at most 5 seconds"), "{error}");
+        }
+        let error = refused(|header| header.scenario.duration_s = 1e300, "");
+        assert!(error.contains("line 1") && error.contains("0.1 to 3600 seconds"), "{error}");
+        let error = refused(|header| header.robots.truncate(1), "");
+        assert!(error.contains("line 1") && error.contains("`robots` names 1"), "{error}");
+    }
 }

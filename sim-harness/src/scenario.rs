@@ -207,13 +207,18 @@ impl Scenario {
     pub fn parse(text: &str, name: &str) -> Result<Self, ScenarioError> {
         let scenario: Self = toml::from_str(text)
             .map_err(|e| ScenarioError::Syntax { name: name.to_owned(), message: e.to_string() })?;
-        check::check(&scenario).map_err(|fault| ScenarioError::Value {
+        scenario.check(name)?;
+        Ok(scenario)
+    }
+
+    /// Whether every value is possible; `name` appears in the error.
+    pub fn check(&self, name: &str) -> Result<(), ScenarioError> {
+        check::check(self).map_err(|fault| ScenarioError::Value {
             name: name.to_owned(),
             key: fault.key,
             value: fault.value,
             right: fault.right,
-        })?;
-        Ok(scenario)
+        })
     }
 
     /// The robots' ids: r1, r2, …
@@ -304,6 +309,33 @@ mod tests {
         ] {
             let error = Scenario::parse(&format!("{head}{text}"), "x.toml").unwrap_err().to_string();
             assert!(error.contains(key) && error.contains(right), "{error}");
+        }
+    }
+
+    #[test]
+    fn numbers_that_are_none_and_places_that_cannot_be_are_named() {
+        let head = "name = \"x\"\nduration_s = 1.0\n";
+        for (text, key, value, right) in [
+            ("[camera]\nrefraction_a_mm = nan", "camera.refraction_a_mm", "NaN", "0.1 to 1000 mm"),
+            ("[camera]\nrefraction_a_mm = 0.0", "camera.refraction_a_mm", "0", "0.1 to 1000 mm"),
+            ("[camera]\nellipsoid_a_mm = nan", "camera.ellipsoid_a_mm", "NaN", "0.1 to 1000 mm"),
+            ("[camera]\nhyperboloid_c_mm = inf", "camera.hyperboloid_c_mm", "inf", "0.1 to 1000 mm"),
+            ("[camera]\ncentre_px = [nan, 287.5]", "camera.centre_px[0]", "NaN", "0 to 767 pixels"),
+            ("[camera]\ncentre_px = [383.5, 1e9]", "camera.centre_px[1]", "1000000000", "0 to 575 pixels"),
+            ("[camera]\nelevation_deg = [-15.0, nan]", "camera.elevation_deg[1]", "NaN", "-59 to 80 degrees"),
+            ("[people]\nstanding = [[nan, 1.0]]", "people.standing[0][0]", "NaN", "-4 to 4 metres"),
+            ("[people]\nstanding = [[0.0, 3.5]]", "people.standing[0][1]", "3.5", "-3 to 3 metres"),
+            ("[robots]\nposes = [[9.0, 0.0, 0.0]]", "robots.poses[0][0]", "9", "-4 to 4 metres"),
+            ("[robots]\nposes = [[1.0, 0.0, inf]]", "robots.poses[0][2]", "inf", "-360 to 360 degrees"),
+            (
+                "[robots]\nposes = [[1, 0, 0], [-1, 0, 0], [1.2, 0.3, 90]]",
+                "robots.poses[2]",
+                "[1.2, 0.3, 90]",
+                "0.4 m from robots.poses[0]",
+            ),
+        ] {
+            let error = Scenario::parse(&format!("{head}{text}\n"), "x.toml").unwrap_err().to_string();
+            assert!(error.contains(&format!("`{key} = {value}`")) && error.contains(right), "{error}");
         }
     }
 

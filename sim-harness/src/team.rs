@@ -53,6 +53,20 @@ pub enum TeamError {
     /// The scenario's camera.
     #[error("the scenario's camera cannot be used: {0}")]
     Camera(String),
+    /// A camera file that is not of the robot's pictures.
+    #[error(
+        "--camera {robot}=…: a camera of {gw} × {gh} pixels, but {robot}'s pictures are {w} × {h} pixels; \
+         a file with `image_size_px = [{w}, {h}]` would be right",
+        gw = given_px[0], gh = given_px[1], w = picture_px[0], h = picture_px[1]
+    )]
+    CameraSize {
+        /// Whose.
+        robot: RobotId,
+        /// Width and height in the file.
+        given_px: [u32; 2],
+        /// Width and height of the pictures.
+        picture_px: [u32; 2],
+    },
     /// A name.
     #[error(transparent)]
     Name(#[from] NameError),
@@ -138,7 +152,33 @@ pub(crate) fn leader_id() -> Result<LeaderId, NameError> {
 /// A robot's camera as its agent reads it, from the text of `camera.toml`. `robot` as the world names it.
 fn camera(scenario: &Scenario, settings: &TeamSettings, robot: &RobotId) -> Result<MountedCamera, TeamError> {
     let text = settings.cameras.get(robot).cloned().unwrap_or_else(|| scenario.camera_toml_of(robot));
-    CameraFile::parse(&text, Path::new(&format!("camera.toml of {robot}")))
+    let camera = CameraFile::parse(&text, Path::new(&format!("camera.toml of {robot}")))
         .and_then(|file| file.mount())
-        .map_err(|e| TeamError::Camera(e.to_string()))
+        .map_err(|e| TeamError::Camera(e.to_string()))?;
+    let (given_px, picture_px) = (camera.image_size_px(), scenario.camera.image_size_of(robot));
+    if given_px != picture_px {
+        return Err(TeamError::CameraSize { robot: *robot, given_px, picture_px });
+    }
+    Ok(camera)
+}
+
+/// Whether every robot's camera can be used, before anything is rendered for it.
+fn check_cameras(scenario: &Scenario, settings: &TeamSettings) -> Result<(), TeamError> {
+    scenario.robot_ids().iter().try_for_each(|robot| camera(scenario, settings, robot).map(drop))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_camera_file_of_another_size_is_refused_with_both_sizes() {
+        let scenario = Scenario::builtin("tiny").unwrap().unwrap();
+        let large = crate::scenario::CameraSpec::default().toml();
+        let cameras = [(scenario.robot_ids()[0], large)].into();
+        let settings = TeamSettings { cameras, ..TeamSettings::default() };
+        let error = simulated::run(&scenario, 0, &settings, &|_| panic!("time began")).unwrap_err().to_string();
+        assert!(error.contains("r1") && error.contains("768 × 576") && error.contains("384 × 288"), "{error}");
+        assert!(check_cameras(&scenario, &TeamSettings::default()).is_ok());
+    }
 }

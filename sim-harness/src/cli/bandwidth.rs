@@ -8,6 +8,7 @@ use protocol::codec::Kind;
 use super::record::Format;
 use super::run::{Transport, checked_duration, exit_code, json, one, progress};
 use super::table;
+use super::told::{note_short, scenario_help, tell};
 use crate::bandwidth::interface::{Counters, in_namespace};
 use crate::scenario::Scenario;
 use crate::team::{TeamError, TeamSettings};
@@ -15,7 +16,7 @@ use crate::team::{TeamError, TeamSettings};
 /// Arguments of `bandwidth`.
 #[derive(Debug, Clone, Args)]
 pub struct BandwidthArgs {
-    /// A scenario file, or the name of a scenario inside the program: default, tiny, moving_start
+    #[arg(help = scenario_help())]
     scenario: PathBuf,
     /// How messages travel; in a simulated network the bytes on the wire are computed
     #[arg(long, value_enum, default_value_t = Transport::Simulated)]
@@ -48,10 +49,7 @@ pub fn run(args: &BandwidthArgs) -> u8 {
         });
     }
     match measure(args) {
-        Ok(text) => {
-            println!("{}", text.trim_end());
-            0
-        }
+        Ok(text) => tell("bandwidth", &text, 0),
         Err(error) => {
             eprintln!("sim-harness bandwidth: {error}");
             exit_code(&error)
@@ -66,6 +64,7 @@ fn measure(args: &BandwidthArgs) -> Result<String, TeamError> {
         unwatched: args.interface,
         ..TeamSettings::default()
     };
+    note_short("bandwidth", args.duration, &scenario);
     let bar = progress(settings.duration_s.unwrap_or(f64::INFINITY).min(scenario.duration_s));
     let seed = args.seed.unwrap_or(scenario.seed);
     let transport = if args.interface { Transport::Zenoh } else { args.transport };

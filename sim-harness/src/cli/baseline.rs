@@ -7,6 +7,7 @@ use clap::Args;
 use indicatif::ProgressBar;
 
 use super::record::Format;
+use super::told::tell;
 use crate::baseline::{self, Plan, Row, Sample};
 use crate::scenario::{CameraSpec, Scenario};
 
@@ -34,10 +35,7 @@ pub struct BaselineArgs {
 #[allow(clippy::print_stderr)]
 pub fn run(args: &BaselineArgs) -> u8 {
     match work(args) {
-        Ok((text, is_kept)) => {
-            println!("{}", text.trim_end());
-            u8::from(!is_kept)
-        }
+        Ok((text, is_kept)) => tell("baseline", &text, u8::from(!is_kept)),
         Err((code, why)) => {
             eprintln!("sim-harness baseline: {why}");
             code

@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use clap::Args;
 
 use super::record::Format;
+use super::told::tell;
 use crate::bench::{self, BenchError, Frames, Report, STAGES};
 
 /// Arguments of `bench`.
@@ -33,11 +34,11 @@ pub fn run(args: &BenchArgs) -> u8 {
         Frames::read(&args.file, args.frames).map_err(BenchError::from).and_then(|f| bench::run(&f, args.warm));
     match report {
         Ok(report) => {
-            match args.format {
-                Format::Json => println!("{}", serde_json::to_string(&report).unwrap_or_default()),
-                Format::Text => println!("{}", text(&report)),
-            }
-            0
+            let told = match args.format {
+                Format::Json => serde_json::to_string(&report).unwrap_or_default(),
+                Format::Text => text(&report),
+            };
+            tell("bench", &told, 0)
         }
         Err(error) => {
             eprintln!("sim-harness bench: {error}");

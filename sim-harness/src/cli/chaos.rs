@@ -8,6 +8,7 @@ use clap::{Args, ValueEnum};
 use super::record::Format;
 use super::run::{exit_code, json};
 use super::seeds::{self, Seeds};
+use super::told::tell;
 use crate::chaos::processes::{self, Fault, RobotArgs};
 use crate::chaos::{self, Run};
 use crate::team::TeamError;
@@ -22,8 +23,8 @@ pub struct ChaosArgs {
     #[arg(long, value_parser = seeds::parse, default_value = "0..49")]
     seeds: Seeds,
     /// Over real Zenoh between processes in network namespaces (as root), each kind of fault so often, instead of simulated
-    #[arg(long, value_name = "TIMES")]
-    processes: Option<usize>,
+    #[arg(long, value_name = "TIMES", value_parser = clap::value_parser!(u32).range(1..=1000))]
+    processes: Option<u32>,
     /// With --processes: only these kinds
     #[arg(long, value_enum, value_delimiter = ',', requires = "processes")]
     faults: Vec<Fault>,
@@ -49,10 +50,7 @@ pub fn run(args: &ChaosArgs) -> u8 {
         (None, None) => all(args),
     };
     match done {
-        Ok((text, fine)) => {
-            println!("{}", text.trim_end());
-            u8::from(!fine)
-        }
+        Ok((text, fine)) => tell("chaos", &text, u8::from(!fine)),
         Err(error) => {
             eprintln!("sim-harness chaos: {error}");
             exit_code(&error)
@@ -75,7 +73,7 @@ fn all(args: &ChaosArgs) -> Result<(String, bool), TeamError> {
     Ok((table(&runs), fine))
 }
 
-fn over_zenoh(args: &ChaosArgs, times: usize) -> Result<(String, bool), TeamError> {
+fn over_zenoh(args: &ChaosArgs, times: u32) -> Result<(String, bool), TeamError> {
     let kinds = if args.faults.is_empty() { Fault::value_variants() } else { &args.faults };
     let (mut runs, mut fine) = (Vec::new(), true);
     let mut text = format!(

@@ -5,7 +5,8 @@ use std::path::PathBuf;
 use clap::Args;
 
 use super::record::Format;
-use super::run::{Transport, exit_code, json, one, progress, text};
+use super::run::{Transport, exit_code, json, one, progress, text, writable};
+use super::told::tell;
 use crate::scenario::Scenario;
 use crate::team::{TeamError, TeamSettings, output};
 
@@ -36,10 +37,7 @@ impl Default for DemoArgs {
 #[allow(clippy::print_stderr)]
 pub fn run(args: &DemoArgs) -> u8 {
     match demo(args) {
-        Ok(text) => {
-            println!("{}", text.trim_end());
-            0
-        }
+        Ok(text) => tell("demo", &text, 0),
         Err(error) => {
             eprintln!("sim-harness demo: {error}");
             exit_code(&error)
@@ -50,6 +48,7 @@ pub fn run(args: &DemoArgs) -> u8 {
 fn demo(args: &DemoArgs) -> Result<String, TeamError> {
     let scenario = Scenario::load("default".as_ref())?;
     let settings = TeamSettings { duration_s: Some(DEMO_S), ..TeamSettings::default() };
+    writable(&args.out)?;
     let bar = progress(DEMO_S);
     let seed = args.seed.unwrap_or(scenario.seed);
     let outcome = one(&scenario, seed, Transport::Zenoh, &settings, &|s| bar.set_position(s as u64))?;

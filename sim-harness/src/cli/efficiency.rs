@@ -6,6 +6,7 @@ use clap::Args;
 use indicatif::ProgressBar;
 
 use super::record::Format;
+use super::told::{make_writable, tell};
 use crate::efficiency::{self, Noise, Plan, plot, table};
 
 /// Arguments of `efficiency`.
@@ -38,10 +39,7 @@ pub struct EfficiencyArgs {
 #[allow(clippy::print_stderr)]
 pub fn run(args: &EfficiencyArgs) -> u8 {
     match work(args) {
-        Ok(text) => {
-            println!("{}", text.trim_end());
-            0
-        }
+        Ok(text) => tell("efficiency", &text, 0),
         Err((code, error)) => {
             eprintln!("sim-harness efficiency: {error}");
             code
@@ -58,6 +56,10 @@ fn work(args: &EfficiencyArgs) -> Result<String, (u8, String)> {
         let only = args.only.as_deref().unwrap_or_default();
         return Err((2, format!("--only {only:?} leaves no case; \"cylinder\" or \"5 robots\" would")));
     }
+    let failed = |e: String| (1, e);
+    if let Some(out) = &args.out {
+        make_writable(out).map_err(|e| failed(format!("{}: {e}", out.display())))?;
+    }
     let bar = ProgressBar::new(cases.len() as u64);
     let plan = Plan {
         draws: args.draws as usize,
@@ -67,7 +69,6 @@ fn work(args: &EfficiencyArgs) -> Result<String, (u8, String)> {
     };
     let outcomes = efficiency::run(&cases, &plan, &|| bar.inc(1));
     bar.finish_and_clear();
-    let failed = |e: String| (1, e);
     let text = table::text(&outcomes);
     let json = serde_json::json!({ "verdict": table::verdict(&outcomes), "cases": outcomes });
     let json = serde_json::to_string_pretty(&json).map_err(|e| failed(e.to_string()))?;
@@ -75,7 +76,6 @@ fn work(args: &EfficiencyArgs) -> Result<String, (u8, String)> {
         let put = |name: &str, text: &str| {
             std::fs::write(out.join(name), text).map_err(|e| failed(format!("{}: {e}", out.join(name).display())))
         };
-        std::fs::create_dir_all(out).map_err(|e| failed(format!("{}: {e}", out.display())))?;
         put("outcomes.json", &json)?;
         put("table.txt", &text)?;
         let path = out.join("plot.svg");

@@ -4,6 +4,7 @@ use clap::Args;
 use indicatif::ProgressBar;
 
 use super::record::Format;
+use super::told::tell;
 use crate::guidance::{self, Report};
 
 /// Arguments of `guidance`.
@@ -28,10 +29,7 @@ pub fn run(args: &GuidanceArgs) -> u8 {
         Format::Text => Ok(text(&report)),
     });
     match told {
-        Ok(text) => {
-            println!("{}", text.trim_end());
-            0
-        }
+        Ok(text) => tell("guidance", &text, 0),
         Err(error) => {
             eprintln!("sim-harness guidance: {error}");
             1

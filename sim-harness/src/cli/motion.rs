@@ -8,6 +8,7 @@ use indicatif::ProgressBar;
 
 use super::record::Format;
 use super::seeds::{Seeds, parse};
+use super::told::{make_writable, tell};
 use crate::motion::score::{Errors, Regime};
 use crate::motion::{Case, Claim, Tally, Trial, TrialError, run as run_trial, verdict};
 use crate::parallel;
@@ -39,10 +40,7 @@ pub struct MotionArgs {
 #[allow(clippy::print_stderr)]
 pub fn run(args: &MotionArgs) -> u8 {
     match work(args) {
-        Ok((text, kept)) => {
-            println!("{}", text.trim_end());
-            u8::from(!kept)
-        }
+        Ok((text, kept)) => tell("motion", &text, u8::from(!kept)),
         Err(error) => {
             eprintln!("sim-harness motion: {error}");
             1
@@ -56,7 +54,7 @@ fn work(args: &MotionArgs) -> Result<(String, bool), String> {
     cases.dedup();
     let jobs: Vec<(Case, u64)> = cases.iter().flat_map(|c| args.seeds.0.iter().map(move |s| (*c, *s))).collect();
     for folder in args.out.iter().chain(&args.pictures) {
-        std::fs::create_dir_all(folder).map_err(|e| format!("{}: {e}", folder.display()))?;
+        make_writable(folder).map_err(|e| format!("{}: {e}", folder.display()))?;
     }
     let bar = ProgressBar::new(jobs.len() as u64);
     let tallies = run_all(&jobs, args.threads as usize, args.pictures.as_deref(), |trial| {

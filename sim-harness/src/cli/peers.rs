@@ -7,6 +7,7 @@ use clap::Args;
 use indicatif::ProgressBar;
 
 use super::record::Format;
+use super::told::{make_writable, tell};
 use crate::peers::{self, Plan, Report, Team, statistics, verdict};
 use crate::scenario::{CameraSpec, Scenario};
 
@@ -68,10 +69,7 @@ pub fn run_verdict(args: &VerdictArgs) -> u8 {
 #[allow(clippy::print_stderr)]
 fn told(command: &str, text: Result<String, Failure>) -> u8 {
     match text {
-        Ok(text) => {
-            println!("{}", text.trim_end());
-            0
-        }
+        Ok(text) => tell(command, &text, 0),
         Err(failure) => {
             eprintln!("sim-harness {command}: {}", failure.why);
             failure.exit_code
@@ -107,6 +105,13 @@ fn work(args: &PeersArgs) -> Result<String, Failure> {
         team: if args.plain { Team::Plain } else { Team::Mixed },
         camera,
     };
+    if let Some(out) = &args.out {
+        make_writable(out).map_err(|e| failed(&format_args!("{}: {e}", out.display())))?;
+    }
+    if let Some(path) = &args.fits {
+        let opened = std::fs::OpenOptions::new().create(true).append(true).open(path);
+        opened.map_err(|e| failed(&format_args!("{}: {e}", path.display())))?;
+    }
     let bar = ProgressBar::new(layouts as u64);
     let outcomes = peers::run(&plan, &|| bar.inc(1)).map_err(|e| usage(&e))?;
     bar.finish_and_clear();
@@ -116,7 +121,6 @@ fn work(args: &PeersArgs) -> Result<String, Failure> {
     if let Some(out) = &args.out {
         let faults: Vec<String> =
             report.faults.iter().map(|f| format!("seed {} picture {}: {}", f.seed, f.picture, f.what)).collect();
-        std::fs::create_dir_all(out).map_err(|e| failed(&format_args!("{}: {e}", out.display())))?;
         for (name, text) in [("report.json", &json), ("table.txt", &text), ("faults.txt", &faults.join("\n"))] {
             let path = out.join(name);
             std::fs::write(&path, text).map_err(|e| failed(&format_args!("{}: {e}", path.display())))?;

@@ -19,6 +19,7 @@ use image::ImageEncoder;
 use image::codecs::png::{CompressionType, FilterType, PngEncoder};
 use indicatif::ProgressBar;
 
+use super::told::{make_writable, note_short, scenario_help, tell};
 use crate::parallel;
 use crate::render::{Picture, Renderer};
 use crate::scenario::{Scenario, ScenarioError};
@@ -34,7 +35,7 @@ const TRUTH_STEP_S: f64 = 0.05;
 /// Arguments of `record`.
 #[derive(Debug, Clone, clap::Args)]
 pub struct RecordArgs {
-    /// A scenario file, or the name of a scenario inside the program: default, tiny, moving_start
+    #[arg(help = scenario_help())]
     scenario: PathBuf,
     /// Folder to write to; made if it is not there
     #[arg(long, value_name = "DIR")]
@@ -76,6 +77,16 @@ pub enum RecordError {
     /// An option.
     #[error("--duration {0}: more than 0 seconds")]
     Duration(f64),
+    /// No robot takes a picture in that time.
+    #[error("{scenario}: no robot takes a picture in {duration_s} s; {right} would be right")]
+    NoPicture {
+        /// Name of the scenario.
+        scenario: String,
+        /// As given, or as the scenario has it.
+        duration_s: f64,
+        /// What would give one.
+        right: String,
+    },
     /// A file.
     #[error("cannot write {}: {source}", file.display())]
     Unwritable {
@@ -98,10 +109,7 @@ pub enum RecordError {
 #[allow(clippy::print_stderr)]
 pub fn run(args: &RecordArgs) -> u8 {
     match record(args) {
-        Ok(summary) => {
-            println!("{summary}");
-            0
-        }
+        Ok(summary) => tell("record", &summary, 0),
         Err(error) => {
             eprintln!("sim-harness record: {error}");
             match error {
@@ -122,12 +130,24 @@ fn record(args: &RecordArgs) -> Result<String, RecordError> {
     let world =
         World::new(&scenario, seed).map_err(|source| RecordError::World { scenario: scenario.name.clone(), source })?;
     let world = Arc::new(world);
+    let total: usize = world.robots().iter().map(|r| captures(r, duration_s).count()).sum();
+    if total == 0 {
+        let first = world.robots().iter().filter_map(|r| r.captures.first()).map(|c| c.true_time_s);
+        let right = first.min_by(f64::total_cmp).map_or_else(
+            || "a longer `duration_s` or a higher `capture.rate_hz`".to_owned(),
+            |first_s| format!("--duration {:.3} or more", (1e3 * first_s).ceil() * 1e-3),
+        );
+        return Err(RecordError::NoPicture { scenario: scenario.name, duration_s, right });
+    }
+    note_short("record", args.duration, &scenario);
     let out = &args.out;
-    make_folder(out)?;
+    make_writable(out).map_err(|source| RecordError::Unwritable { file: out.clone(), source })?;
+    for robot in world.robots() {
+        remove_frames(&out.join(robot.id.as_str()).join("frames"), captures(robot, duration_s).count())?;
+    }
     write(&out.join("markers.json"), &json_lines([config::markers(&scenario)]))?;
     write(&out.join("leader.toml"), &config::leader_toml(world.robots().len()))?;
     let renderers = world.robots().iter().zip(Renderer::team(&world));
-    let total: usize = world.robots().iter().map(|r| captures(r, duration_s).count()).sum();
     let progress = ProgressBar::new(total as u64);
     let visible = parallel::map(parallel::processors(), renderers, |(robot, mut renderer)| {
         let folder = out.join(robot.id.as_str());
@@ -136,7 +156,7 @@ fn record(args: &RecordArgs) -> Result<String, RecordError> {
         write(&folder.join("agent.toml"), config::agent_toml(robot.id, robot.clock_offset_s, &scenario).as_bytes())?;
         let mut table = String::from("file,capture_ns\n");
         for (n, capture) in captures(robot, duration_s).enumerate() {
-            let name = format!("{n:06}.png");
+            let name = frame_name(n);
             let picture = renderer.render(capture.true_time_s);
             write_png(&folder.join("frames").join(&name), &picture)?;
             table.push_str(&format!("{name},{}\n", capture.stamp.0));
@@ -175,6 +195,27 @@ fn captures(robot: &crate::world::Robot, duration_s: f64) -> impl Iterator<Item 
 
 fn make_folder(folder: &Path) -> Result<(), RecordError> {
     fs::create_dir_all(folder).map_err(|source| RecordError::Unwritable { file: folder.to_owned(), source })
+}
+
+/// Removes the frames of an earlier, longer recording from number `from` on, and no other file: an agent would replay them, too.
+fn remove_frames(frames: &Path, from: usize) -> Result<(), RecordError> {
+    let Ok(entries) = fs::read_dir(frames) else { return Ok(()) };
+    for file in entries.filter_map(|entry| Some(entry.ok()?.path())) {
+        if file.file_name().and_then(|name| frame_number(name.to_str()?)).is_some_and(|number| number >= from) {
+            fs::remove_file(&file).map_err(|source| RecordError::Unwritable { file, source })?;
+        }
+    }
+    Ok(())
+}
+
+/// Name of a picture.
+fn frame_name(number: usize) -> String {
+    format!("{number:06}.png")
+}
+
+/// The number in a name of [`frame_name`]'s; `None` of every other.
+fn frame_number(name: &str) -> Option<usize> {
+    name.strip_suffix(".png")?.parse().ok().filter(|number| frame_name(*number) == name)
 }
 
 fn write(file: &Path, bytes: &[u8]) -> Result<(), RecordError> {
@@ -237,5 +278,33 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let args = RecordArgs { duration: Some(-1.0), ..args(folder.path(), 1) };
         assert!(record(&args).unwrap_err().to_string().contains("--duration -1"));
+    }
+
+    #[test]
+    fn a_duration_without_a_picture_is_refused_before_anything_is_written() {
+        let folder = tempfile::tempdir().unwrap();
+        let args = RecordArgs { duration: Some(1e-6), ..args(folder.path(), 1) };
+        let error = record(&args).unwrap_err().to_string();
+        assert!(error.contains("0.000001 s") && error.contains("--duration 0.0"), "{error}");
+        assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 0);
+    }
+
+    #[test]
+    fn a_shorter_recording_leaves_no_frame_of_a_longer_one_and_every_other_file() {
+        let folder = tempfile::tempdir().unwrap();
+        let frames = folder.path().join("r1/frames");
+        fs::create_dir_all(&frames).unwrap();
+        for name in ["000900.png", "900.png", "000900.png.bak", "notes.txt"] {
+            fs::write(frames.join(name), b"").unwrap();
+        }
+        record(&args(folder.path(), 1)).unwrap();
+        let table = fs::read_to_string(frames.join("frames.csv")).unwrap();
+        let mut wanted: Vec<String> = table.lines().skip(1).map(|l| l.split(',').next().unwrap().to_owned()).collect();
+        wanted.extend(["900.png", "000900.png.bak", "notes.txt", "frames.csv"].map(String::from));
+        let mut found: Vec<String> =
+            fs::read_dir(&frames).unwrap().map(|e| e.unwrap().file_name().into_string().unwrap()).collect();
+        wanted.sort();
+        found.sort();
+        assert_eq!(found, wanted);
     }
 }

@@ -6,7 +6,8 @@ use std::path::{Path, PathBuf};
 use clap::{Args, Subcommand};
 
 use super::record::Format;
-use super::run::{exit_code, json, text};
+use super::run::{exit_code, json, text, writable};
+use super::told::tell;
 use super::{recorded_text, table};
 use crate::recorded::{self, RecordedError};
 use crate::replay::Recording;
@@ -64,10 +65,7 @@ pub fn run(args: &ReplayArgs) -> u8 {
         What::Roh(args) => ("roh", set(args, recorded::roh::replay, recorded_text::roh)),
     };
     match done {
-        Ok(text) => {
-            println!("{}", text.trim_end());
-            0
-        }
+        Ok(text) => tell(&format!("replay {what}"), &text, 0),
         Err((code, error)) => {
             eprintln!("sim-harness replay {what}: {error}");
             code
@@ -89,6 +87,9 @@ fn set<R: serde::Serialize>(
 }
 
 fn leader(args: &LeaderArgs) -> Result<String, TeamError> {
+    if let Some(out) = &args.out {
+        writable(out)?;
+    }
     let mut runs = Vec::new();
     for path in &args.recordings {
         let outcome = Recording::read(path)?.replay()?;

@@ -9,6 +9,7 @@ use indicatif::{ProgressBar, ProgressStyle};
 use protocol::id::RobotId;
 
 use super::record::Format;
+use super::told::{make_writable, note_short, scenario_help, tell};
 use super::{seeds, table};
 use crate::parallel;
 use crate::scenario::Scenario;
@@ -20,7 +21,8 @@ use crate::team::{Outcome, TeamError, TeamSettings, live, output, simulated};
 /// Arguments of `run`.
 #[derive(Debug, Clone, Args)]
 pub struct RunArgs {
-    /// A scenario file, or the name of a scenario inside the program: default, tiny, moving_start
+    /// A scenario file, or the name of a scenario inside the program
+    #[arg(help = scenario_help())]
     pub scenario: PathBuf,
     /// How messages travel
     #[arg(long, value_enum, default_value_t = Transport::Zenoh)]
@@ -31,8 +33,8 @@ pub struct RunArgs {
     /// Several seeds, both ends included, e.g. 0..9, or a list, e.g. 1,3,7: mean and worst of each figure
     #[arg(long, value_name = "A..B", conflicts_with = "seed", value_parser = seeds::parse)]
     pub seeds: Option<seeds::Seeds>,
-    /// Writes map.jsonl, truth.jsonl, scores.json, errors.jsonl, observations.jsonl, in virtual time leader.jsonl (for replay), and pictures there; with several seeds a
-    /// folder each
+    /// Writes map.jsonl, edges.jsonl, truth.jsonl, scores.json, errors.jsonl, observations.jsonl, in virtual time leader.jsonl (for replay), and pictures there; with
+    /// several seeds a folder each
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
     /// Only the first seconds of the scenario
@@ -66,10 +68,7 @@ pub enum Transport {
 #[allow(clippy::print_stderr)]
 pub fn run(args: &RunArgs) -> u8 {
     match try_run(args) {
-        Ok(text) => {
-            println!("{}", text.trim_end());
-            0
-        }
+        Ok(text) => tell("run", &text, 0),
         Err(error) => {
             eprintln!("sim-harness run: {error}");
             exit_code(&error)
@@ -83,6 +82,7 @@ pub(super) fn exit_code(error: &TeamError) -> u8 {
         TeamError::Scenario(_)
         | TeamError::World(_)
         | TeamError::Camera(_)
+        | TeamError::CameraSize { .. }
         | TeamError::Usage(_)
         | TeamError::Recording { .. } => 2,
         _ => 1,
@@ -97,6 +97,10 @@ fn try_run(args: &RunArgs) -> Result<String, TeamError> {
         pictures: pictures(args)?,
         ..TeamSettings::default()
     };
+    note_short("run", args.duration, &scenario);
+    if let Some(folder) = &args.out {
+        writable(folder)?;
+    }
     let Some(seeds) = &args.seeds else {
         let seed = args.seed.unwrap_or(scenario.seed);
         let bar = progress(settings.duration_s.unwrap_or(f64::INFINITY).min(scenario.duration_s));
@@ -149,8 +153,13 @@ fn pictures(args: &RunArgs) -> Result<Option<PathBuf>, TeamError> {
     if args.transport != Transport::Simulated {
         return Err(TeamError::Usage("--pictures: in virtual time only, with --transport simulated".to_owned()));
     }
-    std::fs::create_dir_all(folder).map_err(|source| TeamError::Output { path: folder.clone(), source })?;
+    writable(folder)?;
     Ok(Some(folder.clone()))
+}
+
+/// A folder that results can be written to, before there are any.
+pub(super) fn writable(folder: &Path) -> Result<(), TeamError> {
+    make_writable(folder).map_err(|source| TeamError::Output { path: folder.to_owned(), source })
 }
 
 pub(super) fn checked_duration(duration_s: Option<f64>) -> Result<Option<f64>, TeamError> {

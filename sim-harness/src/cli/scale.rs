@@ -4,8 +4,9 @@ use clap::Args;
 
 use super::record::Format;
 use super::run::exit_code;
+use super::told::print;
 use crate::scale::{self, Figures, Load, MAX_ROBOTS};
-use crate::team::TeamError;
+use crate::team::{TeamError, failed};
 
 /// Arguments of `scale`. The soak is `scale --robots 20 --duration 1800`.
 #[derive(Debug, Clone, Args)]
@@ -85,13 +86,14 @@ fn measure(args: &ScaleArgs) -> Result<(), TeamError> {
                 eprintln!("{minute} min: {megabytes:.1} MB, {} files, {:.1} s of processor", now.open_files, now.cpu_s);
             }
         })?;
-        if args.format == Format::Text {
-            println!("{}", in_words(&figures, all.is_empty()));
-        }
+        let line = in_words(&figures, all.is_empty());
         all.push(figures);
+        if args.format == Format::Text && !print(&line).map_err(failed)? {
+            break;
+        }
     }
     if args.format == Format::Json {
-        println!("{}", serde_json::to_string_pretty(&all).map_err(|error| TeamError::Service(error.to_string()))?);
+        print(&serde_json::to_string_pretty(&all).map_err(failed)?).map_err(failed)?;
     }
     match all.iter().filter(|_| args.flat).find_map(unflat) {
         Some(why) => Err(TeamError::Service(why)),

@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use clap::{Args, Subcommand};
 
 use super::record::Format;
+use super::told::tell;
 use crate::score::{cdnet, mot};
 
 /// Arguments of `score`.
@@ -61,10 +62,7 @@ pub fn run(args: &ScoreArgs) -> u8 {
         What::Mot(args) => tracks(args),
     };
     match result {
-        Ok(text) => {
-            println!("{}", text.trim_end());
-            0
-        }
+        Ok(text) => tell("score", &text, 0),
         Err((code, why)) => {
             eprintln!("sim-harness score: {why}");
             code

@@ -4,7 +4,8 @@ use std::path::PathBuf;
 
 use clap::Args;
 
-use super::run::exit_code;
+use super::run::{exit_code, writable};
+use super::told::tell;
 use crate::scenario::Scenario;
 use crate::team::TeamError;
 use crate::zoo;
@@ -26,19 +27,20 @@ pub struct ZooArgs {
 /// Does it; gives the exit code.
 #[allow(clippy::print_stderr)]
 pub fn run(args: &ZooArgs) -> u8 {
-    let scenario = match Scenario::load(&args.scenario) {
+    let ready = Scenario::load(&args.scenario).map_err(TeamError::from);
+    let scenario = match ready.and_then(|scenario| writable(&args.out).map(|()| scenario)) {
         Ok(scenario) => scenario,
         Err(error) => {
             eprintln!("sim-harness zoo: {error}");
-            return exit_code(&TeamError::from(error));
+            return exit_code(&error);
         }
     };
     let bar = indicatif::ProgressBar::new(zoo::specimens().len() as u64);
     match zoo::write(&scenario, args.seed.unwrap_or(scenario.seed), &args.out, |n| bar.set_position(n as u64)) {
         Ok(names) => {
             bar.finish_and_clear();
-            println!("{} cameras in {}: {}", names.len(), args.out.join("sheet.png").display(), names.join(", "));
-            0
+            let sheet = args.out.join("sheet.png");
+            tell("zoo", &format!("{} cameras in {}: {}", names.len(), sheet.display(), names.join(", ")), 0)
         }
         Err(error) => {
             eprintln!("sim-harness zoo: {error}");

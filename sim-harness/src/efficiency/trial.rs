@@ -341,6 +341,7 @@ fn problem(scene: &Scene, measurements: &[Measurement], measured: &[f64], sigma:
         targets,
         landmarks: Vec::new(),
         paired: Vec::new(),
+        remarks: Vec::new(),
     }
 }
 

@@ -28,6 +28,8 @@ use crate::score::assignment::assign;
 
 /// Of the published recording.
 const FRAME_RATE_HZ: f64 = 4.0;
+/// Largest number of a frame: seven hours.
+const LAST_FRAME: f64 = 100_000.0;
 /// Picture, pixels: boxes that touch its edge are cut there.
 const IMAGE_PX: [f64; 2] = [1920.0, 1024.0];
 const EDGE_PX: f64 = 3.0;
@@ -91,6 +93,18 @@ type Truth = BTreeMap<u64, Vec<(u64, [f64; 2])>>;
 pub fn replay(folder: &Path) -> Result<Report, RecordedError> {
     let views = views(folder)?;
     let truth = truth(folder)?;
+    let nothing = |value: &str, want| {
+        Err(RecordedError::Format { file: folder.display().to_string(), line: None, value: value.to_owned(), want })
+    };
+    if views.iter().all(|view| view.boxes.is_empty()) {
+        return nothing("no box in any DET_*_CamN.txt", "a line for each box that a detector found");
+    }
+    if !views.iter().flat_map(|view| view.boxes.keys()).any(|frame| truth.contains_key(frame)) {
+        return nothing(
+            "no frame is both in DET_*_CamN.txt and in GT_*_WORLD_CENTROID.txt",
+            "the same numbers of frames",
+        );
+    }
     let mut sigma_deg = FIRST_SIGMA_DEG;
     for _ in 0..PASSES {
         let run = run(&views, sigma_deg)?;
@@ -125,7 +139,7 @@ fn views(folder: &Path) -> Result<Vec<View>, RecordedError> {
         // In front of the camera the third row is positive where the determinant is.
         let unproject = inverse * left.determinant().signum();
         let mut boxes: BTreeMap<u64, Vec<[f64; 4]>> = BTreeMap::new();
-        for row in files::table(path, 6, "frame, -1, left, top, width, height")? {
+        for row in files::checked_table(path, 6, "frame, -1, left, top, width, height", known_frame)? {
             boxes.entry(row[0] as u64).or_default().push([row[2], row[3], row[4], row[5]]);
         }
         let id = RobotId::new(name).map_err(|e| RecordedError::Message(e.to_string()))?;
@@ -141,10 +155,18 @@ fn truth(folder: &Path) -> Result<Truth, RecordedError> {
         return Err(RecordedError::Format { file, line: None, value, want: "one" });
     };
     let mut truth = Truth::new();
-    for row in files::table(path, 10, "frame, person, five others, x, y, z")? {
+    for row in files::checked_table(path, 10, "frame, person, five others, x, y, z", known_frame)? {
         truth.entry(row[0] as u64).or_default().push((row[1] as u64, [row[7], row[8]]));
     }
     Ok(truth)
+}
+
+/// Every frame from the first to the last is gone through.
+fn known_frame(row: &[f64]) -> Result<(), (f64, &'static str)> {
+    if (0.0..=LAST_FRAME).contains(&row[0]) && row[0].fract() == 0.0 {
+        return Ok(());
+    }
+    Err((row[0], "a frame's whole number from 0 to 100000"))
 }
 
 impl View {

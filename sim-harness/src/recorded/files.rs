@@ -20,6 +20,16 @@ pub fn text(path: &Path) -> Result<String, RecordedError> {
 
 /// Rows of at least `least` finite numbers, separated by blanks or commas; lines that begin with `#` are left out.
 pub fn table(path: &Path, least: usize, want: &'static str) -> Result<Vec<Vec<f64>>, RecordedError> {
+    checked_table(path, least, want, |_| Ok(()))
+}
+
+/// The same; `check` says what is wrong with a row: the value, and what would be right.
+pub fn checked_table(
+    path: &Path,
+    least: usize,
+    want: &'static str,
+    mut check: impl FnMut(&[f64]) -> Result<(), (f64, &'static str)>,
+) -> Result<Vec<Vec<f64>>, RecordedError> {
     let mut rows = Vec::new();
     for (k, line) in text(path)?.lines().enumerate() {
         let line = line.trim();
@@ -28,7 +38,13 @@ pub fn table(path: &Path, least: usize, want: &'static str) -> Result<Vec<Vec<f6
         }
         let numbers = line.split(|c: char| c.is_whitespace() || c == ',').filter(|w| !w.is_empty()).map(str::parse);
         match numbers.collect::<Result<Vec<f64>, _>>() {
-            Ok(row) if row.len() >= least && row.iter().all(|v| v.is_finite()) => rows.push(row),
+            Ok(row) if row.len() >= least && row.iter().all(|v| v.is_finite()) => {
+                if let Err((value, want)) = check(&row) {
+                    let (file, value) = (path.display().to_string(), value.to_string());
+                    return Err(RecordedError::Format { file, line: Some(k + 1), value, want });
+                }
+                rows.push(row);
+            }
             _ => {
                 let (file, value) = (path.display().to_string(), line.chars().take(80).collect());
                 return Err(RecordedError::Format { file, line: Some(k + 1), value, want });

@@ -46,6 +46,9 @@ const WHEELS_SILENT_S: f64 = 1.0;
 pub const MUTUAL_S: f64 = 0.5;
 /// Truth is taken between poses no further apart than this, seconds.
 const TRUTH_GAP_S: f64 = 0.5;
+/// Times are after the Unix epoch and before the year 2100, seconds; a recording of a robot is not longer than a day.
+const LAST_TIME_S: f64 = 4.1e9;
+const LONGEST_S: f64 = 86_400.0;
 /// Between the instants at which pairs are scored, seconds.
 const SCORE_S: f64 = 1.0;
 
@@ -111,10 +114,15 @@ struct Robot {
 
 /// Replays a folder.
 pub fn replay(folder: &Path) -> Result<Report, RecordedError> {
-    let barcodes: BTreeMap<u64, usize> = files::table(&folder.join("Barcodes.dat"), 2, "subject, barcode")?
-        .iter()
-        .map(|row| (row[1] as u64, row[0] as usize))
-        .collect();
+    let known = |row: &[f64]| match row[0] >= 1.0 {
+        true => Ok(()),
+        false => Err((row[0], "a subject from 1 on")),
+    };
+    let barcodes: BTreeMap<u64, usize> =
+        files::checked_table(&folder.join("Barcodes.dat"), 2, "subject, barcode", known)?
+            .iter()
+            .map(|row| (row[1] as u64, row[0] as usize))
+            .collect();
     let mut robots = Vec::new();
     let (mut landmarks, mut unknown) = (0, 0);
     while folder.join(format!("Robot{}_Measurement.dat", robots.len() + 1)).exists() {
@@ -122,7 +130,7 @@ pub fn replay(folder: &Path) -> Result<Report, RecordedError> {
         let file = |what: &str| folder.join(format!("Robot{number}_{what}.dat"));
         let id = RobotId::new(&format!("r{number}")).map_err(|e| RecordedError::Message(e.to_string()))?;
         let mut readings = Vec::new();
-        for row in files::table(&file("Measurement"), 4, "time, barcode, range, bearing")? {
+        for row in files::checked_table(&file("Measurement"), 4, "time, barcode, range, bearing", in_time())? {
             match barcodes.get(&(row[1] as u64)) {
                 Some(&subject) => {
                     let (time_s, peer) = (row[0] - CAMERA_LATENCY_S, subject - 1);
@@ -131,8 +139,9 @@ pub fn replay(folder: &Path) -> Result<Report, RecordedError> {
                 None => unknown += 1,
             }
         }
-        let wheels = files::table(&file("Odometry"), 3, "time, forward velocity, turning velocity")?;
-        let truth = files::table(&file("Groundtruth"), 4, "time, x, y, orientation")?;
+        let want = "time, forward velocity, turning velocity";
+        let wheels = files::checked_table(&file("Odometry"), 3, want, in_time())?;
+        let truth = files::checked_table(&file("Groundtruth"), 4, "time, x, y, orientation", in_time())?;
         robots.push(Robot {
             id,
             wheels: wheels.iter().map(|r| [r[0], r[1], r[2]]).collect(),
@@ -161,6 +170,21 @@ pub fn replay(folder: &Path) -> Result<Report, RecordedError> {
         }
     }
     best.map(|(_, report)| report).ok_or_else(|| RecordedError::Message("nothing was replayed".to_owned()))
+}
+
+/// Checks the times of a file, row by row: none far beyond the others, for everything between is gone through.
+fn in_time() -> impl FnMut(&[f64]) -> Result<(), (f64, &'static str)> {
+    let mut first_s = None;
+    move |row| {
+        let time_s = row[0];
+        if !(0.0..=LAST_TIME_S).contains(&time_s) {
+            return Err((time_s, "a time from 0 to 4.1e9 seconds (Unix time)"));
+        }
+        if !(-LONGEST_S..=LONGEST_S).contains(&(time_s - *first_s.get_or_insert(time_s))) {
+            return Err((time_s, "a time within 86400 seconds (a day) of the file's first"));
+        }
+        Ok(())
+    }
 }
 
 /// What a robot does at an instant.

@@ -14,6 +14,8 @@ use super::{RecordedError, files, median};
 
 /// Heading of the sensor, by the set's description.
 const HEADING_RAD: f64 = std::f64::consts::FRAC_PI_2;
+/// With fewer, bearings have no residuals.
+const LEAST_BEACONS: usize = 4;
 /// Before the data have told, degrees.
 const FIRST_SIGMA_DEG: f64 = 0.5;
 
@@ -67,7 +69,13 @@ struct Set {
 
 /// Replays a folder.
 pub fn replay(folder: &Path) -> Result<Report, RecordedError> {
-    let marks = files::table(&folder.join("landmark.csv"), 2, "x, y of a beacon in metres")?;
+    let landmarks = folder.join("landmark.csv");
+    let marks = files::table(&landmarks, 2, "x, y of a beacon in metres")?;
+    if marks.len() < LEAST_BEACONS {
+        let (file, value) = (landmarks.display().to_string(), format!("{} beacons", marks.len()));
+        let want = "x, y of at least 4 beacons: three give a place, a fourth says how exact a bearing is";
+        return Err(RecordedError::Format { file, line: None, value, want });
+    }
     let marks: Vec<[f64; 2]> = marks.iter().map(|m| [m[0], m[1]]).collect();
     let files = files::named(folder, |name| place_of(name).is_some())?;
     let mut places = Vec::new();
@@ -88,6 +96,11 @@ pub fn replay(folder: &Path) -> Result<Report, RecordedError> {
     let (chi2, dof) = first.iter().fold((0.0, 0), |(c, d), s| (c + s.chi2, d + s.dof));
     let sigma_deg = FIRST_SIGMA_DEG * (chi2 / f64::from(u32::try_from(dof.max(1)).unwrap_or(1))).sqrt();
     let solved: Vec<_> = sets.iter().map(|s| by_solver(&marks, s, sigma_deg)).collect();
+    if solved.iter().all(Option::is_none) {
+        let (file, value) = (folder.display().to_string(), "no set of bearings gives a pose".to_owned());
+        let want = "beacons at places apart, and a bearing of each in degrees in its order";
+        return Err(RecordedError::Format { file, line: None, value, want });
+    }
     let closed: Vec<Option<Pose2>> = sets.iter().map(|s| resect(&seen(&marks, s))).collect();
     let nees: Vec<f64> = sets.iter().zip(&solved).filter_map(|(s, p)| p.as_ref()?.nees(places[s.place])).collect();
     let one = |k: Option<usize>| {

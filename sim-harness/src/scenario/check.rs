@@ -3,6 +3,10 @@
 use protocol::id::RobotId;
 
 use super::{EyeSpec, Scenario};
+use crate::world::body::RADIUS_M;
+
+/// A camera's lengths in glass, mm.
+const GLASS_MM: [f64; 2] = [0.1, 1000.0];
 
 /// A value that is not possible.
 pub(super) struct Fault {
@@ -56,11 +60,22 @@ pub(super) fn check(s: &Scenario) -> Result<(), Fault> {
     within("people.stop_s", s.people.stop_s, 0.0, 3600.0, "seconds")?;
     count("people.camouflaged", s.people.camouflaged, 0, s.people.count)?;
     count("people.standing (their number)", s.people.standing.len(), 0, s.people.count)?;
+    for (n, place) in s.people.standing.iter().enumerate() {
+        in_room(s, &format!("people.standing[{n}]"), *place)?;
+    }
     ways(s)?;
     within("capture.rate_hz", s.capture.rate_hz, 0.1, 100.0, "Hz")?;
     within("capture.jitter_ms", s.capture.jitter_ms, 0.0, 400.0 / s.capture.rate_hz, "milliseconds")?;
     within("capture.clock_offset_ms", s.capture.clock_offset_ms, 0.0, 900.0, "milliseconds")?;
     camera(s)
+}
+
+/// A place on the floor.
+fn in_room(s: &Scenario, key: &str, place_m: [f64; 2]) -> Result<(), Fault> {
+    for (k, (place, size)) in place_m.into_iter().zip(s.room.size_m).enumerate() {
+        within(&format!("{key}[{k}]"), place, -size / 2.0, size / 2.0, "metres (in the room)")?;
+    }
+    Ok(())
 }
 
 /// Later than the point before.
@@ -103,6 +118,7 @@ fn ways(s: &Scenario) -> Result<(), Fault> {
 fn robots(s: &Scenario) -> Result<(), Fault> {
     count("robots.count", s.robots.count, 1, 16)?;
     count("robots.poses (their number)", s.robots.poses.len(), 0, s.robots.count)?;
+    poses(s)?;
     within("robots.apart_m", s.robots.apart_m, 0.5, 10.0, "metres")?;
     within("robots.within_m", s.robots.within_m, s.robots.apart_m, 50.0, "metres")?;
     for (n, drive) in s.robots.drives.iter().enumerate() {
@@ -129,12 +145,30 @@ fn robots(s: &Scenario) -> Result<(), Fault> {
     Ok(())
 }
 
+/// In the room, and no two bodies in one place.
+fn poses(s: &Scenario) -> Result<(), Fault> {
+    for (n, [x, y, heading_deg]) in s.robots.poses.iter().enumerate() {
+        let key = format!("robots.poses[{n}]");
+        in_room(s, &key, [*x, *y])?;
+        within(&format!("{key}[2]"), *heading_deg, -360.0, 360.0, "degrees")?;
+        let near = s.robots.poses[..n].iter().position(|[a, b, _]| (a - x).hypot(b - y) < 2.0 * RADIUS_M);
+        if let Some(other) = near {
+            let right = format!("a place at least {} m from robots.poses[{other}]: bodies are so wide", 2.0 * RADIUS_M);
+            return Err(Fault { key, value: format!("[{x}, {y}, {heading_deg}]"), right });
+        }
+    }
+    Ok(())
+}
+
 fn camera(s: &Scenario) -> Result<(), Fault> {
     let c = &s.camera;
     for side in c.image_size_px {
         within("camera.image_size_px", f64::from(side), 64.0, 2048.0, "pixels")?;
     }
+    let [thin, thick] = GLASS_MM;
+    within("camera.ellipsoid_a_mm", c.ellipsoid_a_mm, thin, thick, "mm")?;
     within("camera.ellipsoid_c_mm", c.ellipsoid_c_mm, 0.01, c.ellipsoid_a_mm * 0.999, "mm (below ellipsoid_a_mm)")?;
+    within("camera.hyperboloid_c_mm", c.hyperboloid_c_mm, thin, thick, "mm")?;
     within(
         "camera.hyperboloid_a_mm",
         c.hyperboloid_a_mm,
@@ -143,10 +177,14 @@ fn camera(s: &Scenario) -> Result<(), Fault> {
         "mm (below hyperboloid_c_mm)",
     )?;
     within("camera.focal_length_px", c.focal_length_px, 1.0, 1e5, "pixels")?;
+    within("camera.refraction_a_mm", c.refraction_a_mm, thin, thick, "mm")?;
     within("camera.refraction_eccentricity", c.refraction_eccentricity, 0.0, 0.99, "")?;
     within("camera.refractive_index", c.refractive_index, 1.0, 3.0, "")?;
-    within("camera.elevation_deg", c.elevation_deg[0], -60.0, c.elevation_deg[1] - 1.0, "degrees")?;
-    within("camera.elevation_deg", c.elevation_deg[1], -59.0, 80.0, "degrees")?;
+    for (k, (centre, side)) in c.centre_px.into_iter().zip(c.image_size_px).enumerate() {
+        within(&format!("camera.centre_px[{k}]"), centre, 0.0, f64::from(side) - 1.0, "pixels (in the picture)")?;
+    }
+    within("camera.elevation_deg[1]", c.elevation_deg[1], -59.0, 80.0, "degrees")?;
+    within("camera.elevation_deg[0]", c.elevation_deg[0], -60.0, c.elevation_deg[1] - 1.0, "degrees")?;
     within("camera.height_m", c.height_m, 0.52, 2.0, "metres (above the body)")?;
     within("camera.noise_gray", c.noise_gray, 0.0, 50.0, "grey levels")?;
     within("camera.blur_px", c.blur_px, 0.0, 2.0, "pixels")?;
@@ -190,8 +228,8 @@ fn others(s: &Scenario) -> Result<(), Fault> {
             EyeSpec::Rotating { image_size_px, turn_s, elevation_deg: [low, high] } => {
                 size(&key, image_size_px)?;
                 within(&format!("{key}.turn_s"), turn_s, 0.02, 10.0, "seconds")?;
-                within(&format!("{key}.elevation_deg"), low, -60.0, high - 1.0, "degrees")?;
-                within(&format!("{key}.elevation_deg"), high, -59.0, 60.0, "degrees")?;
+                within(&format!("{key}.elevation_deg[1]"), high, -59.0, 60.0, "degrees")?;
+                within(&format!("{key}.elevation_deg[0]"), low, -60.0, high - 1.0, "degrees")?;
             }
         }
     }

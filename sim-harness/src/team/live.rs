@@ -25,7 +25,7 @@ use tokio::sync::watch;
 use self::source::{Seen, SimulatedCamera};
 use super::frames::Ahead;
 use super::simulated::readout_ns;
-use super::{Outcome, TeamError, TeamSettings, camera, failed, leader_id, team_id};
+use super::{Outcome, TeamError, TeamSettings, camera, check_cameras, failed, leader_id, team_id};
 use crate::bandwidth::{Traffic, VideoRate};
 use crate::render::Renderer;
 use crate::scenario::Scenario;
@@ -50,6 +50,7 @@ pub fn run(
     settings: &TeamSettings,
     progress: &(dyn Fn(f64) + Sync),
 ) -> Result<Outcome, TeamError> {
+    check_cameras(scenario, settings)?;
     let world = Arc::new(World::new(scenario, seed)?);
     let runtime = super::runtime()?;
     runtime.block_on(run_team(scenario, world, settings, progress))

@@ -20,7 +20,7 @@ use team_leader::team_map::json::EdgeJson;
 use self::node::{Due, LeaderNode, RobotNode};
 use super::frames::{Ahead, Taken};
 use super::truth::Glimpse;
-use super::{Outcome, PICTURES, TeamError, TeamSettings, camera, leader_id, team_id};
+use super::{Outcome, PICTURES, TeamError, TeamSettings, camera, check_cameras, leader_id, team_id};
 use crate::bandwidth::{Traffic, VideoRate};
 use crate::network::{EventQueue, Network, VirtualNs};
 use crate::render::Renderer;
@@ -64,6 +64,7 @@ pub fn run(
     settings: &TeamSettings,
     progress: &dyn Fn(f64),
 ) -> Result<Outcome, TeamError> {
+    check_cameras(scenario, settings)?;
     let world = Arc::new(World::new(scenario, seed)?);
     let mut team = Team::new(scenario, world, settings)?;
     team.start();

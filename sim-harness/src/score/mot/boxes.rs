@@ -1,6 +1,6 @@
 //! Boxes with identities, from the files that trackers write.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
 use serde_json::Value;
@@ -54,17 +54,26 @@ pub enum BoxesError {
 }
 
 /// Reads MOT text (`frame,id,left,top,width,height[,flag,…]`, frames from 1; a truth's flag of 0 leaves a box out) or the JSON lines
-/// of `robot-agent track` (frames from 0; hidden tracks have no box). Pixels are multiplied by `scale`.
+/// of `robot-agent track` (frames from 0; hidden tracks have no box). Pixels are multiplied by `scale`. Nobody has two boxes in a
+/// frame: measures of identity would count both.
 ///
 /// # Errors
 /// A file that cannot be read, or the first line that is wrong.
 pub fn read(path: &Path, scale: f64) -> Result<Frames, BoxesError> {
     let text = std::fs::read_to_string(path).map_err(|source| BoxesError::Read { path: path.to_owned(), source })?;
     let mut frames = Frames::new();
+    let mut had = BTreeSet::new();
     for (i, line) in text.lines().enumerate().filter(|(_, line)| !line.trim().is_empty()) {
         let boxes = if line.trim_start().starts_with('{') { json_line(line) } else { mot_line(line) };
-        let boxes = boxes.map_err(|why| BoxesError::Line { path: path.to_owned(), line: i + 1, why })?;
-        for (frame, mut found) in boxes {
+        let fault = |why| BoxesError::Line { path: path.to_owned(), line: i + 1, why };
+        for (frame, mut found) in boxes.map_err(fault)? {
+            if !had.insert((frame, found.id)) {
+                let wanted = "one box of each id in a frame was expected";
+                return Err(fault(format!(
+                    "id {} for the second time in frame {frame} (counted from 1); {wanted}",
+                    found.id
+                )));
+            }
             found.xywh = found.xywh.map(|v| v * scale);
             frames.entry(frame).or_default().push(found);
         }
@@ -81,14 +90,14 @@ fn mot_line(line: &str) -> Result<Vec<(u64, TrackBox)>, String> {
     let [frame, id, x, y, w, h, ref rest @ ..] = numbers[..] else {
         return Err(format!("{} numbers; {WANTED}", numbers.len()));
     };
-    let whole = |name: &str, v: f64| {
-        if v >= 0.0 && v.fract() == 0.0 && v < 9e15 {
+    let whole = |name: &str, v: f64, least: f64| {
+        if v >= least && v.fract() == 0.0 && v < 9e15 {
             Ok(v as u64)
         } else {
-            Err(format!("{name} {v}: a whole number from 0 on was expected"))
+            Err(format!("{name} {v}: a whole number from {least} on was expected"))
         }
     };
-    let (frame, id) = (whole("frame", frame)?, whole("id", id)?);
+    let (frame, id) = (whole("frame", frame, 1.0)?, whole("id", id, 0.0)?);
     if !(w > 0.0 && h > 0.0 && [x, y, w, h].iter().all(|v| v.is_finite())) {
         return Err(format!("box {x},{y},{w},{h}: finite numbers and positive sides were expected"));
     }
@@ -99,7 +108,8 @@ fn mot_line(line: &str) -> Result<Vec<(u64, TrackBox)>, String> {
 
 fn json_line(line: &str) -> Result<Vec<(u64, TrackBox)>, String> {
     let line: Value = serde_json::from_str(line).map_err(|e| e.to_string())?;
-    let frame = line["frame"].as_u64().ok_or("\"frame\": a whole number was expected")? + 1;
+    let frame = line["frame"].as_u64().and_then(|frame| frame.checked_add(1));
+    let frame = frame.ok_or("\"frame\": a whole number was expected")?;
     let objects = line["objects"].as_array().ok_or("\"objects\": a list was expected")?;
     let seen = objects.iter().filter(|o| o["state"] != "hidden");
     seen.map(|o| {

@@ -33,6 +33,30 @@ fn a_pair_stays_matched_while_it_overlaps_though_another_box_overlaps_more() {
     assert_eq!((s.switches, s.false_positives), (0, 1));
 }
 
+/// Reads a file with that text.
+fn read_text(text: &str) -> Result<Frames, BoxesError> {
+    let file = tempfile::NamedTempFile::new().unwrap();
+    std::fs::write(file.path(), text).unwrap();
+    read(file.path(), 1.0)
+}
+
+#[test]
+fn an_id_twice_in_a_frame_is_refused_with_line_frame_and_id() {
+    let error = read_text("1,7,0,0,10,20\n2,7,0,0,10,20\n2,7,50,0,10,20\n").unwrap_err().to_string();
+    assert!(error.contains("line 3") && error.contains("id 7") && error.contains("frame 2"), "{error}");
+    let object = r#"{"track":3,"state":"visible","box":[0,0,9,9]}"#;
+    let error = read_text(&format!("{{\"frame\":4,\"objects\":[{object},{object}]}}\n")).unwrap_err().to_string();
+    assert!(error.contains("line 1") && error.contains("id 3") && error.contains("frame 5"), "{error}");
+    // A box of the truth that does not count has no say.
+    assert_eq!(read_text("1,7,0,0,10,20,0\n1,7,0,0,10,20,1\n").unwrap()[&1].len(), 1);
+}
+
+#[test]
+fn frames_of_mot_text_count_from_1() {
+    let error = read_text("0,7,0,0,10,20\n").unwrap_err().to_string();
+    assert!(error.contains("line 1") && error.contains("frame 0") && error.contains("from 1 on"), "{error}");
+}
+
 /// 60 frames of five people and noisy tracks from a seed; expected values are py-motmetrics 1.4.0's on the same boxes.
 #[test]
 fn scores_agree_with_py_motmetrics() {
