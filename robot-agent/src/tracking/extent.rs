@@ -27,22 +27,24 @@ pub struct Extent {
 /// Rows from the border of the tested picture at which an end is cut.
 pub(super) const BORDER_ROWS: usize = 3;
 /// Rows by which shadow, blur and shoes blur the lower end.
-const FOOT_SIGMA_ROWS: f64 = 2.0;
-const TOP_SIGMA_ROWS: f64 = 1.2;
+const FOOT_SIGMA_ROWS: f64 = 1.5;
+const TOP_SIGMA_ROWS: f64 = 1.0;
+/// The same of a top as a share of the rows of the body.
+const TOP_SIGMA_SHARE: f64 = 0.0085;
 /// Heights and breadths of an upright person, metres: what a range from the feet must give.
 const PERSON_HEIGHT_M: [f64; 2] = [1.3, 2.15];
 /// The lower edge of what is seen of somebody is the near end of a foot: nearer than the body's axis by half a foot and half a
-/// step, less the rows that shoes lose in the floor (mean and standard deviation, metres): 0 to 0.09 m in the default scenario (who
-/// comes, stands, goes; 32,000 frames), 0.14 to 0.22 m in `approach` (1,200 frames).
-const FOOT_AHEAD_M: (f64, f64) = (0.1, 0.1);
+/// step, and by its shadow, less the rows that shoes lose in the floor (mean and standard deviation, metres): 0.04 m in the default
+/// scenario (12,000 frames), 0.2 m in `stroll` and 0.26 m in `approach` (1,000 and 1,400), whose floors are plain.
+const FOOT_AHEAD_M: (f64, f64) = (0.14, 0.08);
 /// Hair and face may be lost in what is behind them: error of a top, metres.
-const HEAD_M: f64 = 0.06;
+const HEAD_M: f64 = 0.05;
 /// A lower top is no head of somebody who stands …
 const LEAST_TOP_M: f64 = 1.4;
 /// … and one below this may have lost its head: it may be as much higher.
 const LOW_TOP_M: f64 = 1.6;
 /// Feet are where the body is but for a step: relative error of a range from them.
-const LEAST_SPREAD: f64 = 0.08;
+const LEAST_SPREAD: f64 = 0.06;
 /// Largest difference of the logarithms of the range from the feet and the figure's.
 const FIGURE_AGREES: f64 = 0.2;
 const PERSON_BREADTH_M: [f64; 2] = [0.15, 0.95];
@@ -115,7 +117,7 @@ pub(super) fn measure(scene: &Scene<'_>, view: &View, axis: f64, rows: [usize; 2
         let most_m = camera_m / (-elevation_rad[0]).tan();
         away_m = Some(away_m.map_or(most_m, |m| m.min(most_m)));
     }
-    let mut sigma_rad = TOP_SIGMA_ROWS.hypot(0.01 * (bottom - top)) * step;
+    let mut sigma_rad = TOP_SIGMA_ROWS.hypot(TOP_SIGMA_SHARE * (bottom - top)) * step;
     if let (Some(m), Some((camera_m, _))) = (away_m.filter(|_| known.person), view.height_m) {
         let top_m = camera_m + m * elevation_rad[1].tan();
         if ends[1] == ElevationEnd::Seen && (!known.head || top_m < LEAST_TOP_M) {

@@ -303,7 +303,6 @@ impl Tracker {
             appearance: looks::appearance(region, scene, &self.view, axis, figure.range_m),
             manner: Manner {
                 apart: f64::from(figure.apart),
-                own: f64::from(figure.own),
                 support: f64::from(figure.support),
                 aside_m: self.raster.column_difference(axis, figure.column) * step * figure.range_m,
             },

@@ -282,8 +282,7 @@ impl Track {
         let sigma = s.axis_sigma;
         let column_m = SHOULDERS_M / self.trunk_width.max(1.0);
         let innovation_m = raster.column_difference(s.axis, self.filter.column) * column_m;
-        let likeness = self.looks.known().map_or(0.0, |known| known.log_ratio(&s.appearance));
-        self.agreement.see(s.manner, innovation_m, likeness);
+        self.agreement.see(s.manner, innovation_m);
         self.as_afoot = self.looks.is_as_afoot(&s.appearance);
         self.filter.update(s.axis, sigma, raster);
         /// Nobody comes nearer or goes away by so much between frames.

@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 use clap::Args;
 
+use super::record::Format;
 use super::run::{exit_code, writable};
 use super::told::tell;
 use crate::scenario::Scenario;
@@ -22,6 +23,9 @@ pub struct ZooArgs {
     /// Another seed than the scenario's
     #[arg(long)]
     seed: Option<u64>,
+    /// How to report
+    #[arg(long, value_enum, default_value = "text")]
+    format: Format,
 }
 
 /// Does it; gives the exit code.
@@ -40,7 +44,11 @@ pub fn run(args: &ZooArgs) -> u8 {
         Ok(names) => {
             bar.finish_and_clear();
             let sheet = args.out.join("sheet.png");
-            tell("zoo", &format!("{} cameras in {}: {}", names.len(), sheet.display(), names.join(", ")), 0)
+            let text = match args.format {
+                Format::Text => format!("{} cameras in {}: {}", names.len(), sheet.display(), names.join(", ")),
+                Format::Json => serde_json::json!({ "cameras": names, "sheet": sheet }).to_string(),
+            };
+            tell("zoo", &text, 0)
         }
         Err(error) => {
             eprintln!("sim-harness zoo: {error}");
