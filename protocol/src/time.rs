@@ -34,7 +34,7 @@ impl Timestamp {
 
     /// The instant `seconds` later (earlier where negative), clamped to the epoch.
     pub fn offset_by_secs(self, seconds: f64) -> Self {
-        let ns = i128::from(self.0) + (seconds * 1e9).round() as i128;
+        let ns = i128::from(self.0).saturating_add((seconds * 1e9).round() as i128);
         Self(ns.clamp(0, i128::from(u64::MAX)) as u64)
     }
 }
@@ -78,5 +78,13 @@ mod tests {
         assert_eq!(Timestamp(5).offset_by_secs(f64::NEG_INFINITY), Timestamp(0));
         assert_eq!([-1.0, f64::NAN].map(Timestamp::from_secs_f64), [Timestamp(0); 2]);
         assert!((Timestamp(u64::MAX).seconds_since(Timestamp(0)) - 18_446_744_073.709_55).abs() < 1e-5);
+    }
+
+    #[test]
+    fn an_instant_moved_by_more_than_time_there_is_stays_at_an_end() {
+        let noon = Timestamp(1_700_000_000_000_000_000);
+        assert_eq!(noon.offset_by_secs(3.4e38), Timestamp(u64::MAX));
+        assert_eq!(noon.offset_by_secs(-3.4e38), Timestamp(0));
+        assert_eq!(noon.offset_by_secs(f64::NAN), noon);
     }
 }

@@ -94,7 +94,7 @@ impl Agent {
             problems,
             team: Team::new(settings.robot),
             around: Around::default(),
-            duties: Duties::default(),
+            duties: Duties::new(settings.frame_rate_hz),
             budget: Budget::new(settings.max_bytes_per_s),
             work: None,
             last_capture: None,
@@ -169,7 +169,7 @@ impl Agent {
             );
             return false;
         }
-        if !self.is_in_time(frame.capture, out) {
+        if !self.is_in_time(now, frame.capture, out) {
             return false;
         }
         self.duties.frame_came(now);
@@ -228,7 +228,7 @@ impl Agent {
         }
     }
 
-    fn is_in_time(&mut self, capture: Timestamp, out: &mut Vec<Output>) -> bool {
+    fn is_in_time(&mut self, now: Timestamp, capture: Timestamp, out: &mut Vec<Output>) -> bool {
         let Some(last) = self.last_capture else { return true };
         let step_s = capture.seconds_since(last);
         if step_s < -CLOCK_SET_S {
@@ -246,6 +246,7 @@ impl Agent {
         // A tenth of slack, so that a jittering camera of exactly the greatest rate loses nothing.
         let wanted = step_s >= 0.9 / self.max_frame_rate_hz;
         if !wanted {
+            self.duties.frame_came(now);
             self.duties.health.frames_dropped += 1;
         }
         wanted

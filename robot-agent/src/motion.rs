@@ -291,6 +291,8 @@ pub struct MotionStage {
     light_seen: Option<Timestamp>,
     looks_at_light: bool,
     sensor_failed: bool,
+    /// When it failed last.
+    failed_at: Option<Timestamp>,
     frozen: sensor::Frozen,
     work: Work,
     /// Whether the picture that comes was drawn over the last one, of which `next` keeps what it was drawn over.
@@ -365,6 +367,7 @@ impl MotionStage {
             light_seen: None,
             looks_at_light: true,
             sensor_failed: false,
+            failed_at: None,
             frozen: sensor::Frozen::default(),
             work: Work::new(raster),
             drawn_in_place: false,
@@ -419,7 +422,9 @@ impl MotionStage {
             if in_place {
                 self.next.copy_from_slice(&self.picture);
             }
-            let alarm = (!self.sensor_failed).then(|| AlarmKind::SensorFailure(failure.to_owned()));
+            // One that fails now and then is one failure.
+            let goes_on = is_within(FAILURE_S, self.failed_at.replace(capture), capture);
+            let alarm = (!goes_on).then(|| AlarmKind::SensorFailure(failure.to_owned()));
             self.sensor_failed = true;
             self.state = BackgroundState::Suspended;
             self.background.restart();
@@ -669,6 +674,9 @@ impl MotionStage {
     /// Start the background anew with the next frame, as on a command.
     pub fn restart(&mut self) {
         self.suspend();
+        // Times may begin anew, too.
+        self.first_capture = None;
+        self.moved_ds.fill(0);
         self.own_motion.reset();
         self.motion = Motion::Unknown;
     }
@@ -875,6 +883,8 @@ impl MotionStage {
     }
 }
 
+/// Failures of the sensor nearer to each other than this are one, seconds.
+const FAILURE_S: f64 = 3.0;
 /// Of two numbers of turns that suit equally well (25 Hz) the larger is taken.
 const TIE: f64 = 0.05;
 /// Most turns in which the pixels learn.

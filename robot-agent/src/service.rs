@@ -72,6 +72,9 @@ pub enum ServiceError {
     /// The system gives no thread.
     #[error("no thread can be started: {0}")]
     Thread(#[from] std::io::Error),
+    /// A fault of this program; what it was stands in the log before.
+    #[error("the {0} thread has failed")]
+    Failed(String),
 }
 
 /// What a service did.
@@ -108,9 +111,10 @@ pub async fn run(setup: Setup, shutdown: impl Future<Output = ()>) -> Result<Sum
     }
 
     let tell = ended.clone();
+    let failed = Arc::new(Notify::new());
     let threads = vec![
-        worker::start_agent(agent, clock, mailbox.clone(), outbox)?,
-        worker::start_capture(source, clock, mailbox.clone(), move || tell.notify_one())?,
+        worker::start_agent(agent, clock, mailbox.clone(), outbox, OnPanic(failed.clone()))?,
+        worker::start_capture(source, clock, mailbox.clone(), OnPanic(failed.clone()), move || tell.notify_one())?,
     ];
     let ended = async {
         ended.notified().await;
@@ -121,27 +125,48 @@ pub async fn run(setup: Setup, shutdown: impl Future<Output = ()>) -> Result<Sum
         tokio::time::sleep(LAST_FRAME_LIMIT).await;
     };
     let worked = tokio::select! {
-        worked = network.work(outputs) => worked,
+        worked = network.work(outputs) => worked.map_err(ServiceError::from),
         () = shutdown => Ok(()),
         () = ended => Ok(()),
+        () = failed.notified() => Ok(()),
     };
     mailbox.close();
-    join(threads).await;
+    let joined = join(threads).await;
     let summary = network.close().await;
-    worked?;
+    worked.and(joined)?;
     Ok(summary)
 }
 
-/// Waits for the threads, within limits: a camera driver that hangs must not keep the process.
-async fn join(threads: Vec<JoinHandle<()>>) {
-    let joined = tokio::task::spawn_blocking(move || {
-        for thread in threads {
-            // A panic has been reported where it happened.
-            let _ = thread.join();
+/// Tells where a thread ends in a panic.
+struct OnPanic(Arc<Notify>);
+
+impl Drop for OnPanic {
+    fn drop(&mut self) {
+        if std::thread::panicking() {
+            self.0.notify_one();
         }
+    }
+}
+
+/// Waits for the threads, within limits: a camera driver that hangs must not keep the process.
+///
+/// # Errors
+/// One of them has panicked (reported where it happened): whoever keeps the service must start it again.
+async fn join(threads: Vec<JoinHandle<()>>) -> Result<(), ServiceError> {
+    let joined = tokio::task::spawn_blocking(move || {
+        let names = threads.into_iter().map(|thread| {
+            let name = thread.thread().name().unwrap_or_default().to_owned();
+            thread.join().map_err(|_| ServiceError::Failed(name))
+        });
+        names.fold(Ok(()), Result::and)
     });
-    if tokio::time::timeout(THREADS_LIMIT, joined).await.is_err() {
-        tracing::warn!("a thread did not end within {THREADS_LIMIT:?} and is abandoned");
+    match tokio::time::timeout(THREADS_LIMIT, joined).await {
+        Ok(Ok(joined)) => joined,
+        Ok(Err(_)) => Ok(()),
+        Err(_) => {
+            tracing::warn!("a thread did not end within {THREADS_LIMIT:?} and is abandoned");
+            Ok(())
+        }
     }
 }
 

@@ -180,6 +180,7 @@ impl Tracker {
     pub fn step(&mut self, scene: &Scene<'_>, capture: Timestamp, peers: &[PeerBearing]) {
         let dt_s = self.last.map_or(0.0, |last| capture.seconds_since(last)).clamp(0.0, 2.0);
         self.last = Some(capture);
+        self.lost.forget(capture);
         for track in &mut self.tracks {
             track.predict(dt_s, &self.raster);
         }
@@ -299,8 +300,8 @@ impl Tracker {
 
     /// Forget all tracks, as on a command. Numbers are not used again.
     pub fn reset(&mut self) {
+        self.keep_tracks(|_| false);
         self.lost.clear();
-        self.tracks.clear();
         self.areas.clear();
         self.holds = Holds::default();
     }

@@ -92,6 +92,14 @@ fn what_one_program_refuses_no_program_sends() {
     observation = samples::observation();
     observation.stages = Stages(64);
     refused(encode(&observation), "stages");
+    let driven = |dx_m: f32, variance: f32| {
+        let covariance = [variance, 0.0, 0.0, 1e-4, 0.0, 1e-5];
+        let odometry = Some(Odometry { dx_m, dy_m: 0.0, dheading_rad: 0.0, covariance });
+        encode(&Observation { odometry, ..samples::observation() })
+    };
+    assert!(driven(-0.3, 1e-4).is_ok());
+    refused(driven(1e20, 1e-4), "odometry");
+    refused(driven(0.1, 3e38), "odometry.covariance");
     let mut announcement = samples::announcement();
     announcement.host = "h".repeat(65);
     refused(encode(&announcement), "host");

@@ -13,6 +13,10 @@ use crate::id::{RobotId, TrackId};
 use crate::quantity::{Angle16, Fraction8, LogSigma, Millimetres};
 use crate::time::Timestamp;
 
+/// Longest way and turn between two observations, metres and radians, and largest variance of them: sums of such steps stay far from
+/// what a map can carry.
+const MAX_STEP: f64 = 1e4;
+const MAX_STEP_VARIANCE: f64 = 1e6;
 /// Most sightings in one observation.
 pub const MAX_SIGHTINGS: usize = 32;
 /// Most tracks in one observation.
@@ -229,8 +233,13 @@ impl Message for Observation {
         check::count("tracks", self.tracks.len(), MAX_TRACKS)?;
         check::in_range("stages", self.stages.0, 0.0, Stages::ALL.0.into())?;
         if let Some(odometry) = &self.odometry {
-            check::all_finite("odometry", &[odometry.dx_m, odometry.dy_m, odometry.dheading_rad])?;
+            for step in [odometry.dx_m, odometry.dy_m, odometry.dheading_rad] {
+                check::in_range("odometry", step, -MAX_STEP, MAX_STEP)?;
+            }
             check::covariance("odometry.covariance", &odometry.covariance, 3)?;
+            for entry in odometry.covariance {
+                check::in_range("odometry.covariance", entry, -MAX_STEP_VARIANCE, MAX_STEP_VARIANCE)?;
+            }
         }
         self.sightings.iter().try_for_each(PeerSighting::validate)?;
         self.tracks.iter().try_for_each(TrackObservation::validate)

@@ -10,7 +10,7 @@ use std::collections::BTreeMap;
 
 use protocol::codec::{self, Kind, Message};
 use protocol::id::TrackId;
-use protocol::message::Observation;
+use protocol::message::{Observation, TrackObservation};
 use protocol::meter::modelled_wire_bytes;
 use protocol::time::Timestamp;
 
@@ -71,21 +71,26 @@ impl Budget {
         let due = self.last_sent.is_none_or(|last| now.seconds_since(last) >= 0.95 / LEAST_RATE_HZ);
         // Motion since the last observation cannot be left out.
         if !due && observation.odometry.is_none() {
-            for track in observation.tracks {
-                if let Some(appearance) = track.appearance.filter(|_| self.waiting.len() < MAX_WAITING) {
-                    self.waiting.insert(track.track, appearance);
-                }
-            }
+            observation.tracks.iter().for_each(|track| self.keep_waiting(track));
             return None;
         }
         // Dropping one by one: a track's size depends on its neighbours', and there are few.
         let mut size = whole;
         while size > self.tokens && !observation.tracks.is_empty() {
             let least = (0..observation.tracks.len()).min_by_key(|i| observation.tracks[*i].confidence)?;
-            observation.tracks.remove(least);
+            self.keep_waiting(&observation.tracks.remove(least));
             size = wire_bytes(&observation);
         }
         Some(self.send(now, observation, size))
+    }
+
+    /// The appearance of a track that is left out comes with its next sight; of too many the oldest tracks' are given up.
+    fn keep_waiting(&mut self, track: &TrackObservation) {
+        let Some(appearance) = track.appearance else { return };
+        self.waiting.insert(track.track, appearance);
+        if self.waiting.len() > MAX_WAITING {
+            self.waiting.pop_first();
+        }
     }
 
     /// Counts what goes out beside observations.
@@ -208,6 +213,19 @@ mod tests {
             given += got.iter().flat_map(|o| &o.tracks).filter(|track| track.appearance == Some([7; 16])).count();
         }
         assert_eq!(given, 1);
+        // Nor with a track that is left out of an observation.
+        let (mut cut, mut first) = (Budget::new(Some(600.0)), [None, None]);
+        for frame in 0..200 {
+            let mut new = observation(frame, if frame < 100 { 10 } else { 1 });
+            if frame == 50 {
+                new.tracks[0].appearance = Some([7; 16]);
+            }
+            let got = cut.shape(at(frame), new, &mut Vec::new());
+            let sent = got.iter().flat_map(|o| &o.tracks).find(|track| track.track == TrackId(0));
+            first[0] = first[0].or(sent.and_then(|track| track.appearance).map(|_| frame));
+            first[1] = first[1].or(sent.filter(|_| frame > 50).map(|_| frame));
+        }
+        assert!(first[0].is_some() && first[0] == first[1], "with its first sight after that: {first:?}");
         let before = budget.tokens;
         budget.charge(at(100), &Output::Notice("nothing is sent".to_owned()));
         assert!((budget.tokens - before).abs() < 1e-9);

@@ -12,8 +12,9 @@ use super::{Agent, Output};
 pub const ANNOUNCEMENT_PERIOD: Duration = Duration::from_secs(10);
 /// Between two health reports.
 pub const HEALTH_PERIOD: Duration = Duration::from_secs(2);
-/// Frames that stay away for longer are an alarm.
+/// Frames that stay away for longer are an alarm; of a slow camera, for longer than so many of its frames take.
 pub const FRAMES_MISSING_AFTER: Duration = Duration::from_secs(2);
+const MISSING_FRAMES: f64 = 3.0;
 
 /// Counts and due times.
 #[derive(Debug, Default)]
@@ -26,6 +27,8 @@ pub struct Duties {
     worked: u32,
     latencies: Latencies,
     last_frame: Option<Timestamp>,
+    /// Between two frames of the camera.
+    spacing_s: f64,
     frames_missing: bool,
     capture_ended: bool,
 }
@@ -44,11 +47,21 @@ pub struct Counters {
 }
 
 impl Duties {
+    /// Of a camera that takes so many pictures a second.
+    pub fn new(frame_rate_hz: f64) -> Self {
+        Self { spacing_s: if frame_rate_hz > 0.0 { frame_rate_hz.recip() } else { 0.0 }, ..Self::default() }
+    }
+
+    fn missing_after(&self) -> Duration {
+        Duration::try_from_secs_f64(MISSING_FRAMES * self.spacing_s)
+            .map_or(FRAMES_MISSING_AFTER, |d| d.max(FRAMES_MISSING_AFTER))
+    }
+
     /// When something is due.
     pub fn next(&self) -> Timestamp {
         let soonest = self.announcement_due.min(self.health_due);
         match self.last_frame {
-            Some(last) if !self.frames_missing => soonest.min(last + FRAMES_MISSING_AFTER),
+            Some(last) if !self.frames_missing => soonest.min(last + self.missing_after()),
             _ => soonest,
         }
     }
@@ -73,7 +86,7 @@ impl Duties {
 
     fn missing(&mut self, now: Timestamp) -> Option<AlarmKind> {
         let last = self.last_frame.filter(|_| !self.frames_missing)?;
-        if now < last + FRAMES_MISSING_AFTER {
+        if now < last + self.missing_after() {
             return None;
         }
         self.frames_missing = true;

@@ -48,6 +48,9 @@ pub struct Pipeline {
     todo: Vec<Stage>,
     seen: Seen,
     peers_starved: bool,
+    /// The same of regions or tracks, for which the next frame takes its time: without them each frame is worked whole, the dearest kind.
+    people_starved: bool,
+    people_due: bool,
     peer_bearings: Vec<PeerBearing>,
     peers: usize,
     background: BackgroundState,
@@ -121,6 +124,8 @@ impl Pipeline {
             todo: Vec::new(),
             seen: Seen::default(),
             peers_starved: false,
+            people_starved: false,
+            people_due: false,
             peer_bearings: Vec::new(),
             peers: 0,
             background: BackgroundState::Suspended,
@@ -162,6 +167,7 @@ impl Pipeline {
     pub fn begin(&mut self, frame: Frame) {
         self.frame = Some(frame);
         self.seen = Seen::default();
+        self.people_due = std::mem::take(&mut self.people_starved);
         // Taken from the end.
         self.todo = vec![Stage::Record, Stage::Peers, Stage::Tracks, Stage::Regions, Stage::Change, Stage::Unwarp];
         if self.peers_starved {
@@ -175,8 +181,9 @@ impl Pipeline {
         match self.todo.pop() {
             Some(Stage::Unwarp) => self.unwarp(&frame),
             Some(Stage::Change) => self.change(&frame),
-            Some(Stage::Regions) if !hurry => self.regions(),
-            Some(Stage::Tracks) if !hurry => self.tracks(&frame),
+            Some(Stage::Regions) if !hurry || self.people_due => self.regions(),
+            Some(Stage::Tracks) if !hurry || self.people_due => self.tracks(&frame),
+            Some(Stage::Regions | Stage::Tracks) => self.people_starved = true,
             Some(Stage::Peers) => {
                 self.peers_starved = hurry;
                 if !hurry {

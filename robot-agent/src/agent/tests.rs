@@ -144,6 +144,43 @@ fn without_time_stages_are_left_out_but_none_of_them_always() {
 }
 
 #[test]
+fn however_little_time_there_is_people_are_followed_in_every_other_frame() {
+    let mut agent = agent_with(|settings| settings.budget_s = Some(0.010));
+    let scene = scene(6);
+    let mut ran = Vec::new();
+    for n in 0..30_u32 {
+        let capture = at(f64::from(n) * 0.1);
+        let mut out = Vec::new();
+        assert!(agent.begin_frame(capture, frame(&scene, capture, n), &mut out));
+        // The first stage takes all of the time.
+        let mut now = capture;
+        while agent.step(now, &mut out) == Progress::More {
+            now = now + Duration::from_millis(20);
+        }
+        ran.extend(observations(&out).iter().map(|o| o.stages));
+    }
+    let followed = ran[20..].iter().filter(|stages| stages.ran(Stages::TRACKING)).count();
+    assert_eq!(followed, 5, "{ran:?}");
+}
+
+#[test]
+fn frames_that_are_not_wanted_are_no_failure_of_the_camera() {
+    let mut agent = agent();
+    let scene = scene(7);
+    handle(&mut agent, at(0.0), Input::Command(Token(3), Command::SetFrameRate(0.2)));
+    let mut alarms = Vec::new();
+    for n in 0..120_u32 {
+        let capture = at(f64::from(n) * 0.1);
+        alarms.extend(alarms_of(&handle(&mut agent, capture, Input::Frame(frame(&scene, capture, n)))));
+    }
+    assert!(!alarms.iter().any(|alarm| matches!(alarm.kind, AlarmKind::SensorFailure(_))), "{alarms:?}");
+    let mut slow = agent_with(|settings| settings.frame_rate_hz = 0.2);
+    handle(&mut slow, at(0.0), Input::Frame(frame(&scene, at(0.0), 0)));
+    assert!(alarms_of(&handle(&mut slow, at(5.5), Input::Deadline)).is_empty(), "its next picture is due");
+    assert_eq!(alarms_of(&handle(&mut slow, at(15.5), Input::Deadline)).len(), 1);
+}
+
+#[test]
 fn frames_that_fail_to_arrive_are_one_alarm() {
     let mut agent = agent();
     let scene = scene(7);

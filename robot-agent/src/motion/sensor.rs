@@ -72,4 +72,26 @@ mod tests {
         let mut slow = Frozen::default();
         assert!((0..5u64).all(|n| slow.look(true, Timestamp(n * 10_000_000_000)).is_none()));
     }
+
+    #[test]
+    fn a_picture_that_is_black_now_and_then_is_one_failure() {
+        use crate::motion::{MotionSettings, MotionStage, Raster};
+        let raster = Raster { width: 64, height: 48, wraps: false };
+        let settings = MotionSettings { own_motion: false, ..MotionSettings::default() };
+        let mut stage = MotionStage::new(raster, None, settings).unwrap();
+        let room: Vec<u8> = (0..raster.len()).map(|i| 60 + (i * 7 % 90) as u8).collect();
+        let black = vec![0; raster.len()];
+        let mut failures = Vec::new();
+        for n in 0..200_u64 {
+            let bad = (20..80).contains(&n) && n.is_multiple_of(2) || n == 150;
+            let picture = if bad { &black } else { &room };
+            let change = stage.change(picture, Timestamp(1 + n * 100_000_000)).unwrap();
+            if let Some(protocol::message::AlarmKind::SensorFailure(why)) = change.alarm
+                && why.contains("black")
+            {
+                failures.push(n);
+            }
+        }
+        assert_eq!(failures, [20, 150]);
+    }
 }

@@ -15,14 +15,16 @@ use crate::agent::{Agent, Input, Progress};
 /// Longest sleep of an idle agent: its deadlines follow the wall clock, which may be set.
 const LONGEST_IDLE: Duration = Duration::from_millis(500);
 
-/// Starts the agent's thread. It ends when the mailbox is closed.
+/// Starts the agent's thread. It ends when the mailbox is closed; `on_panic` is dropped then.
 pub fn start_agent(
     mut agent: Agent,
     clock: Clock,
     mailbox: Arc<Mailbox>,
     outbox: Outbox,
+    on_panic: impl Send + 'static,
 ) -> std::io::Result<JoinHandle<()>> {
     std::thread::Builder::new().name(format!("agent {}", agent.robot())).spawn(move || {
+        let _on_panic = on_panic;
         let mut out = Vec::new();
         loop {
             let patience = clock.until(agent.next_deadline()).min(LONGEST_IDLE);
@@ -47,13 +49,16 @@ pub fn start_agent(
 }
 
 /// Starts the source's thread. It ends with the mailbox or with the source; `ended` is called in the second case.
+/// `on_panic` is dropped at its end.
 pub fn start_capture(
     mut source: Box<dyn LiveSource>,
     clock: Clock,
     mailbox: Arc<Mailbox>,
+    on_panic: impl Send + 'static,
     ended: impl FnOnce() + Send + 'static,
 ) -> std::io::Result<JoinHandle<()>> {
     std::thread::Builder::new().name("capture".to_owned()).spawn(move || {
+        let _on_panic = on_panic;
         while !mailbox.is_closed() {
             match source.next(&clock) {
                 Captured::Frame(frame) => mailbox.put_frame(frame),

@@ -114,7 +114,8 @@ impl LostPeople {
         self.0.clear();
     }
 
-    fn forget(&mut self, now: Timestamp) {
+    /// Those who were lost too long ago are not remembered any more.
+    pub(super) fn forget(&mut self, now: Timestamp) {
         self.0.retain(|l| !l.is_over(now));
     }
 }

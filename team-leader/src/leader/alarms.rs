@@ -21,6 +21,7 @@ const MAX_NUMBERS: usize = 512;
 #[derive(Debug, Default)]
 pub struct AlarmLog {
     had: BTreeMap<RobotId, BTreeMap<u64, Numbers>>,
+    count: u64,
     recent: VecDeque<(Timestamp, Alarm)>,
 }
 
@@ -29,6 +30,8 @@ struct Numbers {
     /// All below count as had.
     floor: u32,
     had: BTreeSet<u32>,
+    /// Count of alarms at which one was had last.
+    last: u64,
 }
 
 impl AlarmLog {
@@ -51,13 +54,13 @@ impl AlarmLog {
         }
         let sessions = self.had.entry(robot).or_default();
         if sessions.len() >= MAX_SESSIONS && !sessions.contains_key(&epoch) {
-            // Epochs grow: the lowest is the oldest.
-            if sessions.first_key_value().is_some_and(|(oldest, _)| *oldest > epoch) {
-                return false;
-            }
-            sessions.pop_first();
+            // Not the lowest epoch: a robot without a clock of its own begins with an old one.
+            let oldest = sessions.iter().min_by_key(|(_, numbers)| numbers.last).map(|(epoch, _)| *epoch);
+            oldest.and_then(|oldest| sessions.remove(&oldest));
         }
         let numbers = sessions.entry(epoch).or_default();
+        self.count += 1;
+        numbers.last = self.count;
         if number < numbers.floor || !numbers.had.insert(number) {
             return false;
         }

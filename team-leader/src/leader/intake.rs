@@ -154,8 +154,11 @@ impl Leader {
         }
         self.newest = Some(self.newest.map_or(at, |n| n.max(at)));
         if admission.new_session {
-            self.home(k).follower.forget_tracks(k);
-            self.home(k).systematic.new_session(k);
+            let home = self.home(k);
+            home.follower.forget_tracks(k);
+            home.systematic.new_session(k);
+            let changes = home.calibrator.new_session(k, at);
+            home.follow_changes(&changes, at);
         }
         let sightings: Vec<Sighted> = if observation.stages.ran(Stages::PEERS) {
             observation.sightings.iter().filter_map(|s| self.sighted(s)).collect()

@@ -78,8 +78,6 @@ pub struct Succession {
     word_due: Timestamp,
     /// What the last word said.
     said: Option<Candidacy>,
-    /// See [`DEAF_S`]: doubled each time.
-    deaf_after_s: f64,
 }
 
 #[derive(Debug, Clone, Copy)]
@@ -88,6 +86,8 @@ struct Other {
     token: Option<bool>,
     since: Timestamp,
     word: Option<(Candidacy, Timestamp)>,
+    /// How long it may be there without a word before the own session is to blame, seconds; doubles each time.
+    deaf_after_s: f64,
 }
 
 impl Succession {
@@ -104,7 +104,6 @@ impl Succession {
             claims_since: None,
             word_due: Timestamp::default(),
             said: None,
-            deaf_after_s: DEAF_S[0],
         }
     }
 
@@ -153,9 +152,8 @@ impl Succession {
         }
         self.term_heard(word.term);
         if let Some(other) = self.other(now, word.leader) {
-            other.word = Some((*word, now));
+            (other.word, other.deaf_after_s) = (Some((*word, now)), DEAF_S[0]);
         }
-        self.deaf_after_s = DEAF_S[0];
         word.leader == self.own.0
     }
 
@@ -178,17 +176,20 @@ impl Succession {
 
     /// Whether this leader's own session is to blame that another one is not heard: the other's token is there, and its word is
     /// not. (Who computes nothing gives its token back, and who dies or freezes loses it.) True once for each waiting time,
-    /// which doubles; where nobody is ever heard again it ends.
+    /// which doubles for each; where one is never heard again it ends.
     pub fn is_deaf(&mut self, now: Timestamp) -> bool {
         let silent = |other: &Other| {
             let last = other.word.as_ref().map_or(other.since, |(_, at)| other.since.max(*at));
-            other.token == Some(true) && now.seconds_since(last) > self.deaf_after_s
+            let waits = other.deaf_after_s <= DEAF_S[1] && now.seconds_since(last) > other.deaf_after_s;
+            waits && other.token == Some(true)
         };
-        if self.deaf_after_s > DEAF_S[1] || !self.others.values().any(silent) {
+        if !self.others.values().any(silent) {
             return false;
         }
-        self.deaf_after_s *= 2.0;
-        self.others.values_mut().for_each(|other| other.since = now);
+        for other in self.others.values_mut() {
+            other.deaf_after_s *= if silent(other) { 2.0 } else { 1.0 };
+            other.since = now;
+        }
         true
     }
 
@@ -287,7 +288,8 @@ impl Succession {
             let oldest = gone.min_by_key(|(_, other)| other.since).map(|(name, _)| *name)?;
             self.others.remove(&oldest);
         }
-        Some(self.others.entry(leader).or_insert(Other { token: None, since: now, word: None }))
+        let unheard = Other { token: None, since: now, word: None, deaf_after_s: DEAF_S[0] };
+        Some(self.others.entry(leader).or_insert(unheard))
     }
 }
 

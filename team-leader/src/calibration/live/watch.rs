@@ -9,7 +9,7 @@ use std::collections::BTreeSet;
 
 use protocol::time::Timestamp;
 
-use super::{Calibrator, FRESH_S};
+use super::{Calibrator, Changes, FRESH_S};
 use crate::calibration::kernel;
 use crate::calibration::naming::{self, Doubt, Known, Naming, View};
 
@@ -310,6 +310,22 @@ impl Calibrator {
                 }
             }
         }
+    }
+
+    /// The robot's program has begun anew, maybe with another configuration: what it announced before is no reason to doubt it.
+    pub fn new_session(&mut self, robot: usize, at: Timestamp) -> Changes {
+        self.changes = Changes::default();
+        if self.robots.get(robot).is_some_and(|r| r.doubt.is_some()) {
+            // Its distances were measured by what it announced before.
+            self.depart(robot, at);
+            self.robots[robot].doubt = None;
+        }
+        self.misnamed.remove(&robot);
+        self.findings.retain(|finding| match finding {
+            Finding::Size { .. } | Finding::Ranges { .. } | Finding::OwnName { .. } => finding.robots() != [robot],
+            _ => true,
+        });
+        std::mem::take(&mut self.changes)
     }
 
     /// The robot is gone from its place: what was found of its sightings is over, what it announces stays in doubt.

@@ -302,6 +302,17 @@ fn a_leader_whose_token_is_there_and_whose_word_is_not_is_taken_for_ones_own_dea
     assert_eq!(told(&mut succession, 0, 3000), [3, 9, 21, 45, 93], "and then no more");
     succession.heard(at(300.0), &word);
     assert_eq!(told(&mut succession, 3001, 3050), [303], "it was heard in between");
+    // One that is heard does not make the waiting for another one begin anew.
+    let mut three = Succession::new(name(0), 1, 1, 0, 0.0);
+    for other in [1, 2] {
+        three.token(at(0.0), name(other), true);
+    }
+    let deaf = (0..6000).filter(|tenth| {
+        let now = at(0.1 * f64::from(*tenth));
+        three.heard(now, &word);
+        three.is_deaf(now)
+    });
+    assert_eq!(deaf.count(), 5, "of the one that is never heard");
     // Whoever has gone, or gave its token back, is not waited for.
     succession.heard(at(305.0), &word);
     succession.token(at(306.0), name(1), false);
