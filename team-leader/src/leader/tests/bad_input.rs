@@ -121,6 +121,25 @@ fn a_robot_that_is_thicker_than_it_announces_is_placed_by_its_own_distances_and_
 }
 
 #[test]
+fn a_robot_that_announces_rightly_after_a_restart_is_trusted_again() {
+    let settings = Settings {
+        robots: 3,
+        drives: vec![],
+        duration_s: 26.0,
+        people: 3,
+        places: Some(PLACES[..3].to_vec()),
+        faults: vec![Fault::Thick(1, 1.3)],
+        corrected: Some((1, 12.0)),
+        ..Settings::default()
+    };
+    let (world, map) = run_settings(settings, 320);
+    assert!(told(&world, &["robot r2", "as thick as it announces"]), "{:?}", world.notices);
+    assert_eq!(map.status, MapStatus::Converged, "{}", map.explanation);
+    assert_eq!(robot(&map, "r2").trust, Trust::Full);
+    assert_eq!(confidently_wrong(&world, &map), Vec::<String>::new());
+}
+
+#[test]
 fn two_robots_alone_that_disagree_on_their_distance_are_not_placed_and_both_are_named() {
     let settings = Settings {
         robots: 2,

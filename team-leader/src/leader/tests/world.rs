@@ -68,6 +68,8 @@ pub struct Settings {
     pub wall: Option<(f64, f64)>,
     /// From when on the first robot that is told of a better place goes there.
     pub follows_from_s: Option<f64>,
+    /// Which robot's program is started anew, and since when it announces what it wears: it is no thicker any more.
+    pub corrected: Option<(usize, f64)>,
 }
 
 /// What is wrong with a robot, by its number.
@@ -139,6 +141,7 @@ impl Default for Settings {
             goals: BTreeMap::new(),
             wall: None,
             follows_from_s: None,
+            corrected: None,
         }
     }
 }
@@ -374,6 +377,12 @@ impl World {
             post.push((0.0, None, Input::RobotAlive(r.id)));
             post.push((0.01, None, Input::Announcement(announcement(r.id))));
         }
+        if let Some((k, at_s)) = self.settings.corrected {
+            let robot = self.robots[k].id;
+            post.push((at_s - RESTART_S, None, Input::RobotGone(robot)));
+            post.push((at_s, None, Input::RobotAlive(robot)));
+            post.push((at_s + 0.01, None, Input::Announcement(Announcement { epoch: 2, ..announcement(robot) })));
+        }
         let mut outputs = Vec::new();
         let mut last = None;
         let mut lived: Vec<bool> = (0..leaders.len()).map(|k| lives(0.0, k)).collect();
@@ -383,6 +392,10 @@ impl World {
             for k in 0..self.robots.len() {
                 if self.time_s >= self.robots[k].next_s {
                     let observation = self.observe(k);
+                    let restarts = |(r, at_s)| r == k && (at_s - RESTART_S..at_s + 0.05).contains(&self.time_s);
+                    if self.settings.corrected.is_some_and(restarts) {
+                        continue;
+                    }
                     if let Some(said) = &mut self.said {
                         said.push((self.time_s, self.robots[k].id, observation.clone()));
                     }
@@ -444,14 +457,15 @@ impl World {
                             post.extend(everybody().map(|to| (now_s + 0.001, Some(to), Input::Candidacy(word))));
                         }
                         Output::ClockProbe(robot, probe) => {
-                            let r = self.robots.iter().find(|r| r.id == robot).unwrap();
+                            let k = self.robots.iter().position(|r| r.id == robot).unwrap();
+                            let r = &self.robots[k];
                             let out_s = self.rng.random_range(0.0005..0.004);
                             let back_s = self.rng.random_range(0.0005..0.004);
                             let reply = ClockReply {
                                 probe_sent: probe.sent,
                                 received: probe.sent.offset_by_secs(out_s + r.offset_s),
                                 replied: probe.sent.offset_by_secs(out_s + r.offset_s + 1e-4),
-                                epoch: 1,
+                                epoch: self.session(k),
                             };
                             let sent_s = probe.sent.seconds_since(clock(0.0));
                             let arrives_s = sent_s + out_s + 1e-4 + back_s;
@@ -624,7 +638,14 @@ impl World {
         };
         let sightings = self.sightings(k);
         let tracks = if motion == Motion::Standing && t > ready_s { self.tracks(k) } else { self.lose_tracks(k) };
-        Observation { epoch: 1, sequence, capture, motion, odometry: None, stages: Stages::ALL, sightings, tracks }
+        let epoch = self.session(k);
+        Observation { epoch, sequence, capture, motion, odometry: None, stages: Stages::ALL, sightings, tracks }
+    }
+
+    /// Number of the session of a robot's program.
+    fn session(&self, k: usize) -> u64 {
+        let is_new = |(r, at_s)| r == k && self.time_s >= at_s;
+        if self.settings.corrected.is_some_and(is_new) { 2 } else { 1 }
     }
 
     fn lose_tracks(&mut self, k: usize) -> Vec<TrackObservation> {
@@ -645,7 +666,10 @@ impl World {
         for j in (0..self.robots.len()).filter(|j| *j != k) {
             let backwards =
                 self.settings.faults.iter().any(|f| matches!(f, Fault::Backwards(a, b) if (*a, *b) == (k, j)));
-            let thick = self.fault(1.0, |f| if let Fault::Thick(r, x) = f { (*r == j).then_some(*x) } else { None });
+            let thick = self.fault(1.0, |f| match f {
+                Fault::Thick(r, x) => (*r == j && self.session(j) == 1).then_some(*x),
+                _ => None,
+            });
             let called = self.settings.faults.iter().find_map(|f| match f {
                 Fault::Called(r, name) if *r == j => Some(*name),
                 _ => None,
@@ -939,6 +963,9 @@ impl World {
         }
     }
 }
+
+/// How long a program that is started anew says nothing, seconds.
+const RESTART_S: f64 = 1.5;
 
 pub fn clock(time_s: f64) -> Timestamp {
     Timestamp::from_secs_f64(START_S).offset_by_secs(time_s)
