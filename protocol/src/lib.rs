@@ -9,6 +9,7 @@ pub mod codec;
 pub mod document;
 pub mod estimate;
 pub mod fence;
+pub mod folder;
 pub mod frames;
 #[cfg(feature = "zenoh")]
 pub mod host_clock;

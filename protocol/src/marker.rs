@@ -158,6 +158,17 @@ impl Marker {
     pub const BARS: u8 = 1;
     /// Of a rectangle.
     pub const RECTANGLE: u8 = 2;
+    /// What they are called in files, by their numbers.
+    pub const KINDS: [&str; 3] = ["cylinder", "bars", "rectangle"];
+
+    /// What it is called in files.
+    pub fn kind_name(&self) -> &'static str {
+        Self::KINDS[usize::from(match self {
+            Self::Cylinder { .. } => Self::CYLINDER,
+            Self::Bars { .. } => Self::BARS,
+            Self::Rectangle { .. } => Self::RECTANGLE,
+        })]
+    }
 
     /// How it is painted and lit.
     pub fn look(&self) -> Option<&Look> {

@@ -169,10 +169,14 @@ impl Agent {
             );
             return false;
         }
-        if !self.is_in_time(now, frame.capture, out) {
+        if !self.is_in_order(frame.capture, out) {
             return false;
         }
         self.duties.frame_came(now);
+        if !self.is_wanted(frame.capture) {
+            self.duties.health.frames_dropped += 1;
+            return false;
+        }
         self.last_capture = Some(frame.capture);
         self.work = Some(Work { begun: now, capture: frame.capture });
         self.pipeline.expect(self.around.at(frame.capture));
@@ -228,7 +232,7 @@ impl Agent {
         }
     }
 
-    fn is_in_time(&mut self, now: Timestamp, capture: Timestamp, out: &mut Vec<Output>) -> bool {
+    fn is_in_order(&mut self, capture: Timestamp, out: &mut Vec<Output>) -> bool {
         let Some(last) = self.last_capture else { return true };
         let step_s = capture.seconds_since(last);
         if step_s < -CLOCK_SET_S {
@@ -243,13 +247,15 @@ impl Agent {
             self.refuse_frame(format!("a frame came {:.1} ms before the last one; it is skipped", -step_s * 1e3), out);
             return false;
         }
+        true
+    }
+
+    /// Whether the greatest rate allows a frame; always where the clock was set back.
+    fn is_wanted(&self, capture: Timestamp) -> bool {
+        let Some(last) = self.last_capture else { return true };
+        let step_s = capture.seconds_since(last);
         // A tenth of slack, so that a jittering camera of exactly the greatest rate loses nothing.
-        let wanted = step_s >= 0.9 / self.max_frame_rate_hz;
-        if !wanted {
-            self.duties.frame_came(now);
-            self.duties.health.frames_dropped += 1;
-        }
-        wanted
+        step_s < 0.0 || step_s >= 0.9 / self.max_frame_rate_hz
     }
 
     fn refuse_frame(&mut self, what: String, out: &mut Vec<Output>) {

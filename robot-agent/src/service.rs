@@ -154,11 +154,12 @@ impl Drop for OnPanic {
 /// One of them has panicked (reported where it happened): whoever keeps the service must start it again.
 async fn join(threads: Vec<JoinHandle<()>>) -> Result<(), ServiceError> {
     let joined = tokio::task::spawn_blocking(move || {
-        let names = threads.into_iter().map(|thread| {
+        let ends = threads.into_iter().map(|thread| {
             let name = thread.thread().name().unwrap_or_default().to_owned();
             thread.join().map_err(|_| ServiceError::Failed(name))
         });
-        names.fold(Ok(()), Result::and)
+        // All are waited for, whatever becomes of the first.
+        ends.fold(Ok(()), Result::and)
     });
     match tokio::time::timeout(THREADS_LIMIT, joined).await {
         Ok(Ok(joined)) => joined,

@@ -292,10 +292,7 @@ impl Tracker {
     /// The robot moves, or there is no background: all tracks end.
     pub fn suspend(&mut self, capture: Timestamp) {
         self.last = Some(capture);
-        self.keep_tracks(|_| false);
-        self.lost.clear();
-        self.areas.clear();
-        self.holds = Holds::default();
+        self.reset();
     }
 
     /// Forget all tracks, as on a command. Numbers are not used again.

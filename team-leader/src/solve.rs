@@ -100,9 +100,7 @@ pub fn solve_and_explain(problem: Problem) -> Solution {
 
 fn solve_and(mut problem: Problem, explain: impl Fn(&Stage, &Problem) -> Vec<explain::Explained>) -> Solution {
     let naming = start::name_sightings(&mut problem);
-    let mut said = std::mem::take(&mut problem.remarks);
-    said.extend(fitting::keep_fitting(&mut problem));
-    said.extend(bars::number_sightings(&mut problem));
+    let said = fitting::prepare(&mut problem);
     let mut solution = solve_named(problem, naming, explain);
     solution.warnings.splice(0..0, said);
     solution

@@ -119,24 +119,30 @@ fn a_robot_that_turns_says_so_and_publishes_no_tracks() {
     assert_eq!(numbers, (0..alarms.len() as u32).collect::<Vec<_>>(), "alarms are numbered without gaps");
 }
 
-#[test]
-fn without_time_stages_are_left_out_but_none_of_them_always() {
+/// Stages that ran in each of 30 frames, and how many were left out, of an agent that has 10 ms a frame and whose steps take so many
+/// each by the caller's clock.
+fn run_with_10_ms(a_step_ms: u64) -> (Vec<Stages>, u64) {
     let mut agent = agent_with(|settings| settings.budget_s = Some(0.010));
     let scene = scene(6);
-    let mut ran = Vec::new();
-    let mut skipped = 0;
+    let (mut ran, mut skipped) = (Vec::new(), 0);
     for n in 0..30_u32 {
         let capture = at(f64::from(n) * 0.1);
         let mut out = Vec::new();
         assert!(agent.begin_frame(capture, frame(&scene, capture, n), &mut out));
-        // Each step takes 4 ms by the caller's clock: three stages fit.
         let mut now = capture;
         while agent.step(now, &mut out) == Progress::More {
-            now = now + Duration::from_millis(4);
+            now = now + Duration::from_millis(a_step_ms);
         }
         ran.extend(observations(&out).iter().map(|o| o.stages));
         skipped = healths(&out).last().map_or(skipped, |h| h.stages_skipped);
     }
+    (ran, skipped)
+}
+
+#[test]
+fn without_time_stages_are_left_out_but_none_of_them_always() {
+    // Three stages fit.
+    let (ran, skipped) = run_with_10_ms(4);
     let last = &ran[20..];
     assert!(last.iter().any(|stages| stages.ran(Stages::PEERS)), "peers starve");
     assert!(last.iter().any(|stages| stages.ran(Stages::EXTRACTION)), "regions starve");
@@ -145,20 +151,8 @@ fn without_time_stages_are_left_out_but_none_of_them_always() {
 
 #[test]
 fn however_little_time_there_is_people_are_followed_in_every_other_frame() {
-    let mut agent = agent_with(|settings| settings.budget_s = Some(0.010));
-    let scene = scene(6);
-    let mut ran = Vec::new();
-    for n in 0..30_u32 {
-        let capture = at(f64::from(n) * 0.1);
-        let mut out = Vec::new();
-        assert!(agent.begin_frame(capture, frame(&scene, capture, n), &mut out));
-        // The first stage takes all of the time.
-        let mut now = capture;
-        while agent.step(now, &mut out) == Progress::More {
-            now = now + Duration::from_millis(20);
-        }
-        ran.extend(observations(&out).iter().map(|o| o.stages));
-    }
+    // The first stage takes all of the time.
+    let (ran, _) = run_with_10_ms(20);
     let followed = ran[20..].iter().filter(|stages| stages.ran(Stages::TRACKING)).count();
     assert_eq!(followed, 5, "{ran:?}");
 }

@@ -104,7 +104,7 @@ fn load_markers(path: &Path) -> Result<Vec<(Option<RobotId>, Marker)>, Failure> 
 }
 
 fn peer(peer: &Peer) -> Value {
-    let kind = ["cylinder", "bars", "rectangle"].get(usize::from(peer.kind));
+    let kind = Marker::KINDS.get(usize::from(peer.kind));
     json!({
         "marker": kind,
         "robot": peer.robot.map(|r| r.to_string()),

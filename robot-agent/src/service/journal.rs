@@ -12,6 +12,7 @@ use std::path::{Path, PathBuf};
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 
 use protocol::codec;
+use protocol::folder;
 use protocol::id::RobotId;
 use protocol::message::Alarm;
 use protocol::whole_file;
@@ -69,16 +70,8 @@ impl Journal {
     ///
     /// # Errors
     /// It cannot be made or written.
-    pub fn check(folder: &Path) -> Result<(), JournalError> {
-        let failed = |source| JournalError { path: folder.to_owned(), source };
-        let missing: Vec<&Path> = folder.ancestors().take_while(|part| !part.exists()).collect();
-        let probe = folder.join(format!(".check-{}", std::process::id()));
-        let result =
-            fs::create_dir_all(folder).and_then(|()| fs::write(&probe, "")).and_then(|()| fs::remove_file(&probe));
-        for made in missing {
-            let _ = fs::remove_dir(made);
-        }
-        result.map_err(failed)
+    pub fn check(path: &Path) -> Result<(), JournalError> {
+        folder::could_be_written(path).map_err(|source| JournalError { path: path.to_owned(), source })
     }
 
     /// What was raised before this start, oldest first; once.

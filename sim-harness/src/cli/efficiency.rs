@@ -4,9 +4,10 @@ use std::path::PathBuf;
 
 use clap::Args;
 use indicatif::ProgressBar;
+use protocol::folder::make_writable;
 
 use super::record::Format;
-use super::told::{make_writable, tell};
+use super::told::tell;
 use crate::efficiency::{self, Noise, Plan, plot, table};
 
 /// Arguments of `efficiency`.

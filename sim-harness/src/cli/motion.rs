@@ -5,10 +5,11 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 use indicatif::ProgressBar;
+use protocol::folder::make_writable;
 
 use super::record::Format;
 use super::seeds::{Seeds, parse};
-use super::told::{make_writable, tell};
+use super::told::tell;
 use crate::motion::score::{Errors, Regime};
 use crate::motion::{Case, Claim, Tally, Trial, TrialError, run as run_trial, verdict};
 use crate::parallel;

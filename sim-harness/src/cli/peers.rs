@@ -5,9 +5,10 @@ use std::path::PathBuf;
 
 use clap::Args;
 use indicatif::ProgressBar;
+use protocol::folder::make_writable;
 
 use super::record::Format;
-use super::told::{make_writable, tell};
+use super::told::tell;
 use crate::peers::{self, Plan, Report, Team, statistics, verdict};
 use crate::scenario::{CameraSpec, Scenario};
 

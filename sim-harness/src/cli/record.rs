@@ -18,8 +18,9 @@ use std::sync::Arc;
 use image::ImageEncoder;
 use image::codecs::png::{CompressionType, FilterType, PngEncoder};
 use indicatif::ProgressBar;
+use protocol::folder::make_writable;
 
-use super::told::{make_writable, note_short, scenario_help, tell};
+use super::told::{note_short, scenario_help, tell};
 use crate::parallel;
 use crate::render::{Picture, Renderer};
 use crate::scenario::{Scenario, ScenarioError};

@@ -6,10 +6,11 @@ use std::sync::Mutex;
 
 use clap::{Args, ValueEnum};
 use indicatif::{ProgressBar, ProgressStyle};
+use protocol::folder::make_writable;
 use protocol::id::RobotId;
 
 use super::record::Format;
-use super::told::{make_writable, note_short, scenario_help, tell};
+use super::told::{note_short, scenario_help, tell};
 use super::{seeds, table};
 use crate::parallel;
 use crate::scenario::Scenario;

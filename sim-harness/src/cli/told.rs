@@ -1,8 +1,6 @@
-//! What a command says on standard output, and the folders that it writes to.
+//! What a command says on standard output and in its help.
 
-use std::fs;
 use std::io::{self, Write};
-use std::path::Path;
 
 use crate::scenario::Scenario;
 
@@ -35,14 +33,6 @@ fn print_to(output: &mut impl Write, text: &str) -> Result<bool, Unprinted> {
         Err(error) if error.kind() == io::ErrorKind::BrokenPipe => Ok(false),
         Err(error) => Err(Unprinted(error)),
     }
-}
-
-/// Makes the folder that results go to and tries to write there, so that a job whose results could not be kept is not begun.
-pub(super) fn make_writable(folder: &Path) -> io::Result<()> {
-    fs::create_dir_all(folder)?;
-    let probe = folder.join(format!(".sim-harness-{}", std::process::id()));
-    fs::write(&probe, b"?")?;
-    fs::remove_file(&probe)
 }
 
 /// Help of an argument that names a scenario.
@@ -88,16 +78,6 @@ mod tests {
         let error = print_to(&mut Broken(io::ErrorKind::StorageFull), "a").unwrap_err().to_string();
         assert!(error.contains("standard output") && error.contains("storage"), "{error}");
         assert!(!print_to(&mut Broken(io::ErrorKind::BrokenPipe), "a").unwrap());
-    }
-
-    #[test]
-    fn a_folder_that_cannot_be_written_is_found_out_and_one_that_can_stays_empty() {
-        let folder = tempfile::tempdir().unwrap();
-        let out = folder.path().join("a/b");
-        make_writable(&out).unwrap();
-        assert_eq!(fs::read_dir(&out).unwrap().count(), 0);
-        fs::write(out.join("file"), b"").unwrap();
-        assert!(make_writable(&out.join("file")).is_err());
     }
 
     #[test]

@@ -329,7 +329,9 @@ fn problem(scene: &Scene, measurements: &[Measurement], measured: &[f64], sigma:
             }
             What::Target => continue,
         };
-        sighting.features.push(Feature { part, bearing_rad: value, sigma_rad: sigma, elevation_rad: None });
+        let feature =
+            Feature { part, bearing_rad: value, sigma_rad: sigma, elevation_rad: None, elevation_sigma_rad: sigma };
+        sighting.features.push(feature);
     }
     let targets: Vec<String> = (0..scene.targets.len()).map(|k| format!("t{}", k + 1)).collect();
     Problem {

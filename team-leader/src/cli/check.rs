@@ -33,7 +33,7 @@ pub fn run(args: &CheckArgs) -> u8 {
         Ok(report) => report,
         Err(error) => return super::usage_error(&error, args.format),
     };
-    if let Some(Err(error)) = config.state_dir.as_ref().map(|dir| StateDir::check(dir, config.team)) {
+    if let Some(Err(error)) = config.state_dir.as_deref().map(StateDir::check) {
         return super::usage_error(&error, args.format);
     }
     super::output(0, |out| report(args, &config, certificate.as_ref(), out))

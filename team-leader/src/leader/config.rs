@@ -170,8 +170,8 @@ impl TargetConfig {
         sigma_rad.powi(2) + (self.axis_sway_m / range_m).powi(2)
     }
 
-    /// How many frames `interval_s` apart count as one, since their errors are alike; `most` at most, of a camera that is faster than
-    /// [`USUAL_INTERVAL_S`] more in proportion: it sees no more of an error that lasts.
+    /// How many frames `interval_s` apart count as one, since their errors are alike; `most` at most, of a camera faster than the usual
+    /// 10 Hz more in proportion: it sees no more of an error that lasts.
     pub fn repeat(&self, interval_s: f64, most: f64) -> f64 {
         let faster = (USUAL_INTERVAL_S / interval_s).clamp(1.0, MOST_FASTER);
         (2.0 * self.correlation_s / interval_s).clamp(1.0, most * faster)

@@ -13,6 +13,7 @@ use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::time::{Duration, Instant};
 
 use protocol::codec::{self, Kind};
+use protocol::folder;
 use protocol::id::TeamId;
 use protocol::message::{Alarm, TeamMap};
 use protocol::time::Timestamp;
@@ -55,27 +56,17 @@ impl StateDir {
     ///
     /// # Errors
     /// It cannot be made or written to.
-    pub fn open(folder: &Path, team: TeamId) -> Result<Self, StateError> {
-        let failed = |source| StateError::Folder { path: folder.to_owned(), source };
-        fs::create_dir_all(folder).map_err(failed)?;
-        let dir = Self { folder: folder.to_owned(), team };
-        let probe = dir.file(&format!("probe-{}", std::process::id()));
-        fs::write(&probe, b"").and_then(|()| fs::remove_file(&probe)).map_err(failed)?;
-        Ok(dir)
+    pub fn open(path: &Path, team: TeamId) -> Result<Self, StateError> {
+        folder::make_writable(path).map_err(|source| StateError::Folder { path: path.to_owned(), source })?;
+        Ok(Self { folder: path.to_owned(), team })
     }
 
     /// Whether state could be kept in this folder; leaves nothing there.
     ///
     /// # Errors
     /// It cannot be made or written to.
-    pub fn check(folder: &Path, team: TeamId) -> Result<(), StateError> {
-        let missing: Vec<&Path> = folder.ancestors().take_while(|part| !part.exists()).collect();
-        let opened = Self::open(folder, team);
-        for made in missing {
-            // One that could not be made is not there, and one that somebody else uses by now stays.
-            let _ = fs::remove_dir(made);
-        }
-        opened.map(drop)
+    pub fn check(path: &Path) -> Result<(), StateError> {
+        folder::could_be_written(path).map_err(|source| StateError::Folder { path: path.to_owned(), source })
     }
 
     /// The last saved map; `None` where there is none. One that cannot be read is put aside, and said.

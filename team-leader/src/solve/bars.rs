@@ -19,7 +19,7 @@ use protocol::marker::Marker;
 use protocol::marker::closed_form::three_bars;
 use statrs::distribution::{ChiSquared, ContinuousCDF};
 
-use super::input::{Feature, Part, Problem, Sighting, Upright};
+use super::input::{Feature, Part, Problem, Sighting};
 
 /// Bars missed between or beside those seen, and bearings too many, together at most.
 const MOST_WRONG: usize = 2;
@@ -278,20 +278,17 @@ fn take(sighting: &mut Sighting, numbering: &Numbering) {
         Numbering::Numbered(numbers) => numbers.clone().into_iter(),
         _ => Vec::new().into_iter(),
     };
-    let mut number = None;
     sighting.features.retain_mut(|feature| {
-        match feature.part {
-            Part::UnnumberedBar => {
-                number = numbers.next().flatten();
-                feature.part = number.map_or(feature.part, Part::Bar);
-            }
-            // They follow their bar.
-            Part::Ends(Upright::UnnumberedBar) => {
-                feature.part = number.map_or(feature.part, |n| Part::Ends(Upright::Bar(n)));
-            }
-            _ => return true,
+        if feature.part != Part::UnnumberedBar {
+            return true;
         }
-        number.is_some()
+        match numbers.next().flatten() {
+            Some(n) => {
+                feature.part = Part::Bar(n);
+                true
+            }
+            None => false,
+        }
     });
     if let Numbering::Turned([bearing, range]) = numbering {
         sighting.bearing = Some(*bearing);

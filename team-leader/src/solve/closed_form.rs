@@ -9,8 +9,7 @@ use protocol::estimate::SolveStatus;
 use protocol::frames::Pose2;
 use protocol::message::MapStatus;
 
-use super::bars;
-use super::fitting::keep_fitting;
+use super::fitting;
 use super::input::{Bearing, Problem};
 use super::output::{Solution, SolvedRobot, SolvedTarget, UNKNOWN_VAR};
 use super::start::{Axis, among_landmarks, axis, name_sightings, radius_m};
@@ -28,9 +27,7 @@ struct Pair {
 /// Solves by closed forms. Bearings without a target are left out.
 pub fn solve(mut problem: Problem) -> Solution {
     let naming = name_sightings(&mut problem);
-    let mut said = std::mem::take(&mut problem.remarks);
-    said.extend(keep_fitting(&mut problem));
-    said.extend(bars::number_sightings(&mut problem));
+    let said = fitting::prepare(&mut problem);
     let n = problem.robots.len();
     let mut poses: Vec<Option<(Pose2, Matrix3<f64>)>> =
         problem.robots.iter().map(|r| r.pose.map(|p| (p, Matrix3::zeros()))).collect();

@@ -2,19 +2,8 @@
 
 use protocol::marker::Marker;
 
+use super::bars;
 use super::input::{Part, Problem};
-
-/// Kinds of markers as files name them, by their number on the wire.
-pub const KINDS: [&str; 3] = ["cylinder", "bars", "rectangle"];
-
-/// What a marker is called in files.
-pub fn kind_of(marker: &Marker) -> &'static str {
-    match marker {
-        Marker::Cylinder { .. } => KINDS[usize::from(Marker::CYLINDER)],
-        Marker::Bars { .. } => KINDS[usize::from(Marker::BARS)],
-        Marker::Rectangle { .. } => KINDS[usize::from(Marker::RECTANGLE)],
-    }
-}
 
 /// `None` where the marker has this part, else what it has.
 pub fn misfit(marker: &Marker, part: Part) -> Option<String> {
@@ -24,20 +13,27 @@ pub fn misfit(marker: &Marker, part: Part) -> Option<String> {
             let fits = match part {
                 Part::Left | Part::Right | Part::UnnumberedBar => true,
                 Part::Bar(n) => n < azimuths_deg.len(),
-                Part::Edge(_) | Part::Ends(_) => false,
+                Part::Edge(_) => false,
             };
             let last = azimuths_deg.len().saturating_sub(1);
             (fits, format!("\"left\", \"right\", or \"bar\" with an index up to {last} or null"))
         }
         Marker::Rectangle { .. } => (matches!(part, Part::Edge(0 | 1)), "\"edge\" with index 0 or 1".to_owned()),
     };
-    // Ends stand and fall with the feature that they are of.
-    (!fits && !matches!(part, Part::Ends(_))).then_some(has)
+    (!fits).then_some(has)
+}
+
+/// Makes features ready to be measured by, when it is known who is whom. Gives what was left out, in words.
+pub fn prepare(problem: &mut Problem) -> Vec<String> {
+    let mut said = std::mem::take(&mut problem.remarks);
+    said.extend(keep_fitting(problem));
+    said.extend(bars::number_sightings(problem));
+    said
 }
 
 /// Leaves out features that the peers' markers do not have, and says so. Files that name a peer and give nothing else of it
 /// are refused before; here are those with a bearing beside, and those whose peer was found.
-pub fn keep_fitting(problem: &mut Problem) -> Vec<String> {
+fn keep_fitting(problem: &mut Problem) -> Vec<String> {
     let robots = &problem.robots;
     let mut said = Vec::new();
     let mut numbers = 0..;
@@ -46,12 +42,9 @@ pub fn keep_fitting(problem: &mut Problem) -> Vec<String> {
         let Some(peer) = sighting.peer else { return true };
         let marker = &robots[peer].marker;
         let mut odd: Vec<String> = Vec::new();
-        let mut is_odd = false;
         sighting.features.retain(|feature| {
-            if !matches!(feature.part, Part::Ends(_)) {
-                is_odd = misfit(marker, feature.part).is_some();
-                odd.extend(is_odd.then(|| feature.part.in_words()));
-            }
+            let is_odd = misfit(marker, feature.part).is_some();
+            odd.extend(is_odd.then(|| feature.part.in_words()));
             !is_odd
         });
         if odd.is_empty() {
@@ -66,7 +59,7 @@ pub fn keep_fitting(problem: &mut Problem) -> Vec<String> {
             "sightings[{number}]: {} sees {}, who wears a marker of kind {}: {} is not of it and is left out; {rest}",
             robots[sighting.observer].id,
             robots[peer].id,
-            kind_of(marker),
+            marker.kind_name(),
             odd.join(", ")
         ));
         !sighting.features.is_empty() || sighting.bearing.is_some()

@@ -9,7 +9,7 @@ use protocol::marker::Marker;
 use serde::Deserialize;
 
 use super::SolveError;
-use super::fitting::{KINDS, kind_of, misfit};
+use super::fitting::misfit;
 use super::layout::Nuisance;
 
 /// Stamps of bearings that may be of one place, seconds.
@@ -236,10 +236,12 @@ pub struct Feature {
     pub part: Part,
     /// Bearing.
     pub bearing_rad: f64,
-    /// Of bearing and elevations; of [`Part::Ends`] of the elevations.
+    /// Of the bearing.
     pub sigma_rad: f64,
     /// Of the lower and upper end.
     pub elevation_rad: Option<[f64; 2]>,
+    /// Of each of them.
+    pub elevation_sigma_rad: f64,
 }
 
 /// Part of a marker.
@@ -255,35 +257,9 @@ pub enum Part {
     UnnumberedBar,
     /// 0 right, 1 left edge of a rectangle.
     Edge(usize),
-    /// The ends alone of the feature before it, where their sigma is another one; its bearing is not measured again.
-    Ends(Upright),
-}
-
-/// What stands upright and has a lower and an upper end.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Upright {
-    /// The near side of a round body.
-    Near,
-    /// Bar of this number.
-    Bar(usize),
-    /// One of the bars.
-    UnnumberedBar,
-    /// 0 right, 1 left edge of a rectangle.
-    Edge(usize),
 }
 
 impl Part {
-    /// The ends of this part.
-    fn ends(self) -> Self {
-        Self::Ends(match self {
-            Self::Left | Self::Right => Upright::Near,
-            Self::Bar(n) => Upright::Bar(n),
-            Self::UnnumberedBar => Upright::UnnumberedBar,
-            Self::Edge(n) => Upright::Edge(n),
-            Self::Ends(of) => of,
-        })
-    }
-
     /// As the file has it.
     pub fn in_words(self) -> String {
         match self {
@@ -292,7 +268,6 @@ impl Part {
             Self::Bar(n) => format!("bar {n}"),
             Self::UnnumberedBar => "a bar".to_owned(),
             Self::Edge(n) => format!("edge {n}"),
-            Self::Ends(_) => "its ends".to_owned(),
         }
     }
 }
@@ -627,7 +602,7 @@ fn check_sighting(
             return Err(SolveError::Value {
                 place: place("part"),
                 value: part.in_words(),
-                right: format!("{has}: {} wears a marker of kind {}", robots[peer].id, kind_of(&robots[peer].marker))
+                right: format!("{has}: {} wears a marker of kind {}", robots[peer].id, robots[peer].marker.kind_name())
                     .into(),
             });
         }
@@ -636,14 +611,8 @@ fn check_sighting(
         let end = |deg: f64| Ok(finite(deg, || place("elevation_deg"))?.to_radians());
         let ends = f.elevation_deg.map(|[low, high]| Ok([end(low)?, end(high)?])).transpose()?;
         let own = f.elevation_sigma_deg.map(|deg| positive(deg, || place("elevation_sigma_deg"))).transpose()?;
-        match (ends, own) {
-            (Some(_), Some(sigma_deg)) => {
-                features.push(Feature { part, bearing_rad, sigma_rad, elevation_rad: None });
-                let sigma_rad = sigma_deg.to_radians();
-                features.push(Feature { part: part.ends(), bearing_rad, sigma_rad, elevation_rad: ends });
-            }
-            _ => features.push(Feature { part, bearing_rad, sigma_rad, elevation_rad: ends }),
-        }
+        let elevation_sigma_rad = own.map_or(sigma_rad, f64::to_radians);
+        features.push(Feature { part, bearing_rad, sigma_rad, elevation_rad: ends, elevation_sigma_rad });
     }
     if let Some(tangents) = &s.features_deg {
         let sigma_deg = s.feature_sigma_deg.ok_or_else(|| SolveError::Value {
@@ -670,7 +639,8 @@ fn check_sighting(
         }
         for (part, deg) in [(Part::Right, right), (Part::Left, left)] {
             let bearing_rad = wrap(finite(deg, || place("features_deg"))?.to_radians());
-            features.push(Feature { part, bearing_rad, sigma_rad, elevation_rad: None });
+            let elevation_sigma_rad = sigma_rad;
+            features.push(Feature { part, bearing_rad, sigma_rad, elevation_rad: None, elevation_sigma_rad });
         }
     }
     let bearing = angle(s.bearing_deg, s.bearing_sigma_deg, "bearing_deg", "bearing_sigma_deg")?;
@@ -708,12 +678,12 @@ fn check_kind(
     robots: &[Robot],
 ) -> Result<(), SolveError> {
     let right = match peer {
-        _ if !KINDS.contains(&kind) => format!("one of {}", KINDS.join(", ")),
-        Some(peer) if kind_of(&robots[peer].marker) != kind => {
-            let worn = kind_of(&robots[peer].marker);
+        _ if !Marker::KINDS.contains(&kind) => format!("one of {}", Marker::KINDS.join(", ")),
+        Some(peer) if robots[peer].marker.kind_name() != kind => {
+            let worn = robots[peer].marker.kind_name();
             format!("{worn:?}, which {} wears (`marker` in its entry of `robots`)", robots[peer].id)
         }
-        None if (0..robots.len()).all(|r| r == observer || kind_of(&robots[r].marker) != kind) => {
+        None if (0..robots.len()).all(|r| r == observer || robots[r].marker.kind_name() != kind) => {
             "the marker that one of the other robots wears (`marker` in its entry of `robots`)".to_owned()
         }
         _ => return Ok(()),

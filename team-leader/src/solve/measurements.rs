@@ -2,7 +2,7 @@
 
 use protocol::marker::Marker;
 
-use super::input::{Moved, Part, Problem, Sighting, Upright};
+use super::input::{Moved, Part, Problem, Sighting};
 use super::terms::{Kind, Other, Term};
 
 /// All measurements between things that take part, and which targets do.
@@ -77,37 +77,30 @@ fn sighting_terms(problem: &Problem, s: &Sighting, peer: usize, terms: &mut Vec<
     for f in &s.features {
         let ends = |make: &dyn Fn(f64) -> Kind, heights: [f64; 2], push: &mut dyn FnMut(Kind, f64, f64)| {
             for (z_m, measured) in heights.into_iter().zip(f.elevation_rad.into_iter().flatten()) {
-                push(make(z_m), measured, f.sigma_rad);
+                push(make(z_m), measured, f.elevation_sigma_rad);
             }
         };
-        let is_ends = matches!(f.part, Part::Ends(_));
         match (&problem.robots[peer].marker, f.part) {
             (
                 Marker::Cylinder { radius_m, height_m, .. } | Marker::Bars { radius_m, height_m, .. },
-                Part::Left | Part::Right | Part::Ends(Upright::Near),
+                Part::Left | Part::Right,
             ) => {
                 let radius_m = *radius_m;
-                if !is_ends {
-                    let side = if f.part == Part::Left { 1.0 } else { -1.0 };
-                    push(Kind::Tangent { radius_m, side }, f.bearing_rad, f.sigma_rad);
-                }
+                let side = if f.part == Part::Left { 1.0 } else { -1.0 };
+                push(Kind::Tangent { radius_m, side }, f.bearing_rad, f.sigma_rad);
                 ends(&|z_m| Kind::RingElevation { radius_m, z_m, camera_m }, *height_m, &mut push);
             }
-            (Marker::Bars { radius_m, azimuths_deg, height_m, .. }, Part::Bar(n) | Part::Ends(Upright::Bar(n))) => {
+            (Marker::Bars { radius_m, azimuths_deg, height_m, .. }, Part::Bar(n)) => {
                 let Some(azimuth) = azimuths_deg.get(n) else { continue };
                 let (sin, cos) = azimuth.to_radians().sin_cos();
                 let at_m = [radius_m * cos, radius_m * sin];
-                if !is_ends {
-                    push(Kind::BodyPoint { at_m }, f.bearing_rad, f.sigma_rad);
-                }
+                push(Kind::BodyPoint { at_m }, f.bearing_rad, f.sigma_rad);
                 ends(&|z_m| Kind::BodyPointElevation { at_m, z_m, camera_m }, *height_m, &mut push);
             }
-            (marker @ Marker::Rectangle { height_m, bottom_m, .. }, Part::Edge(n) | Part::Ends(Upright::Edge(n))) => {
+            (marker @ Marker::Rectangle { height_m, bottom_m, .. }, Part::Edge(n)) => {
                 let Some(edge) = marker.edge_points().and_then(|edges| edges.get(n).copied()) else { continue };
                 let at_m = [edge.x, edge.y];
-                if !is_ends {
-                    push(Kind::BodyPoint { at_m }, f.bearing_rad, f.sigma_rad);
-                }
+                push(Kind::BodyPoint { at_m }, f.bearing_rad, f.sigma_rad);
                 let heights = [*bottom_m, bottom_m + height_m];
                 ends(&|z_m| Kind::BodyPointElevation { at_m, z_m, camera_m }, heights, &mut push);
             }

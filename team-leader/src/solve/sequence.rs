@@ -25,7 +25,7 @@ use protocol::time::Timestamp;
 
 use super::input::{Problem, RawLandmark, RawOdometry, RawProblem, RawRobot, Robot, Sighting};
 use super::start::{Axis, MEAN_SIGMA_RAD, axis, seen};
-use super::{SolveError, bars, fitting};
+use super::{SolveError, fitting};
 use crate::leader::{Anchor, Input, Leader, LeaderCoreConfig, Output};
 use crate::team_map::json::MapJson;
 
@@ -119,10 +119,7 @@ impl Sequence {
         let mut problem = Problem::check(&raw)?;
         self.refuse_what_has_no_place(&raw, &problem, time_s)?;
         let ids = names(&problem)?;
-        let mut unused = std::mem::take(&mut problem.remarks);
-        unused.extend(fitting::keep_fitting(&mut problem));
-        unused.extend(bars::number_sightings(&mut problem));
-        unused.into_iter().for_each(|text| self.tell(&text));
+        fitting::prepare(&mut problem).iter().for_each(|text| self.tell(text));
         self.tell_of_vague_sightings(&raw, &problem);
         let at = Timestamp::from_secs_f64(1.0 + time_s);
         let n = problem.robots.len();

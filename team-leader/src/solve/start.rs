@@ -14,7 +14,7 @@ use protocol::marker::closed_form::{PlateView, plate, three_bars};
 use protocol::message::MapStatus;
 use protocol::time::Timestamp;
 
-use super::input::{Feature, Part, Problem, Sighting, Upright};
+use super::input::{Feature, Part, Problem, Sighting};
 use super::layout::{State, TARGET};
 use super::resection::resect;
 use super::terms::{Kind, Other, Term};
@@ -50,10 +50,10 @@ pub fn axis(sighting: &Sighting, radius_m: Option<f64>) -> Option<Axis> {
         return Some(Axis { bearing: (wrap(right.bearing_rad + 0.5 * width), 0.5 * sigma), range });
     }
     let from_features = || {
-        let measured = || sighting.features.iter().filter(|f| !matches!(f.part, Part::Ends(_)));
-        let first = measured().next()?;
-        let sum = measured().map(|f| wrap(f.bearing_rad - first.bearing_rad)).sum::<f64>();
-        Some((wrap(first.bearing_rad + sum / measured().count() as f64), MEAN_SIGMA_RAD))
+        let n = sighting.features.len() as f64;
+        let first = sighting.features.first()?;
+        let mean = sighting.features.iter().map(|f| wrap(f.bearing_rad - first.bearing_rad)).sum::<f64>() / n;
+        Some((wrap(first.bearing_rad + mean), MEAN_SIGMA_RAD))
     };
     let bearing = sighting.bearing.or_else(from_features)?;
     Some(Axis { bearing, range: sighting.range })
@@ -99,18 +99,14 @@ fn by_bars(sighting: &Sighting, radius_m: f64, azimuths_deg: &[f64]) -> Option<S
 fn by_plate(sighting: &Sighting, marker: &Marker, height_m: f64, behind_m: f64) -> Option<Seen> {
     let edge = |n| sighting.features.iter().find(|f| f.part == Part::Edge(n));
     let (right, left) = (edge(0)?, edge(1)?);
-    let apparent = |n| {
-        let is_its = |f: &&Feature| [Part::Edge(n), Part::Ends(Upright::Edge(n))].contains(&f.part);
-        let measured = |f: &Feature| f.elevation_rad.map(|[low, high]| (high.tan() - low.tan(), f.sigma_rad));
-        sighting.features.iter().filter(is_its).find_map(measured)
-    };
-    let ((h_right, height_sigma_right), (h_left, height_sigma_left)) = (apparent(0)?, apparent(1)?);
+    let apparent = |f: &Feature| f.elevation_rad.map(|[low, high]| high.tan() - low.tan());
+    let (h_right, h_left) = (apparent(right)?, apparent(left)?);
     if h_right <= 0.0 || h_left <= 0.0 {
         return None;
     }
     let mean = 0.5 * (h_right + h_left);
     let sigma = right.sigma_rad.hypot(left.sigma_rad);
-    let height_sigma = height_sigma_right.hypot(height_sigma_left);
+    let height_sigma = right.elevation_sigma_rad.hypot(left.elevation_sigma_rad);
     let range = height_m / mean + behind_m;
     let across = wrap(left.bearing_rad - right.bearing_rad);
     let axis = Axis {

@@ -9,7 +9,12 @@ const PLACES: [[f64; 3]; 4] = [[1.5, 1.5, 0.4], [6.6, 1.9, 2.5], [2.9, 4.4, -1.8
 
 /// Runs a team with faults; the last map, and what people were told.
 fn run_with(robots: usize, faults: Vec<Fault>, duration_s: f64, seed: u64) -> (World, TeamMap) {
-    let settings = Settings {
+    run_settings(standing(robots, faults, duration_s), seed)
+}
+
+/// Robots that stand, and three people.
+fn standing(robots: usize, faults: Vec<Fault>, duration_s: f64) -> Settings {
+    Settings {
         robots,
         drives: vec![],
         duration_s,
@@ -17,8 +22,7 @@ fn run_with(robots: usize, faults: Vec<Fault>, duration_s: f64, seed: u64) -> (W
         places: Some(PLACES[..robots].to_vec()),
         faults,
         ..Settings::default()
-    };
-    run_settings(settings, seed)
+    }
 }
 
 fn run_settings(settings: Settings, seed: u64) -> (World, TeamMap) {
@@ -122,16 +126,7 @@ fn a_robot_that_is_thicker_than_it_announces_is_placed_by_its_own_distances_and_
 
 #[test]
 fn a_robot_that_announces_rightly_after_a_restart_is_trusted_again() {
-    let settings = Settings {
-        robots: 3,
-        drives: vec![],
-        duration_s: 26.0,
-        people: 3,
-        places: Some(PLACES[..3].to_vec()),
-        faults: vec![Fault::Thick(1, 1.3)],
-        corrected: Some((1, 12.0)),
-        ..Settings::default()
-    };
+    let settings = Settings { corrected: Some((1, 12.0)), ..standing(3, vec![Fault::Thick(1, 1.3)], 26.0) };
     let (world, map) = run_settings(settings, 320);
     assert!(told(&world, &["robot r2", "as thick as it announces"]), "{:?}", world.notices);
     assert_eq!(map.status, MapStatus::Converged, "{}", map.explanation);

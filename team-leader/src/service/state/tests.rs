@@ -31,12 +31,12 @@ fn a_folder_that_cannot_be_written_is_named() {
 #[test]
 fn a_check_finds_a_folder_that_cannot_be_made_and_leaves_nothing_behind() {
     let folder = tempfile::tempdir().unwrap();
-    StateDir::check(&folder.path().join("new/deep"), team()).unwrap();
-    StateDir::check(folder.path(), team()).unwrap();
+    StateDir::check(&folder.path().join("new/deep")).unwrap();
+    StateDir::check(folder.path()).unwrap();
     assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 0);
     let file = folder.path().join("file");
     fs::write(&file, b"").unwrap();
-    let error = StateDir::check(&file.join("state"), team()).unwrap_err().to_string();
+    let error = StateDir::check(&file.join("state")).unwrap_err().to_string();
     assert!(error.contains("state_dir") && error.contains("file/state"), "{error}");
 }
 
