@@ -445,9 +445,10 @@ impl MotionStage {
 
         let before = self.motion;
         self.motion = if self.settings.own_motion {
-            let Self { own_motion, before, picture, background, first, state, noise_sigma, work, .. } = self;
-            let anchor = anchor(*state, background, first);
-            own_motion.step(picture, before, anchor, *noise_sigma, capture, work.is_calm())
+            let anchor = anchor(self.state, &self.background, &self.first);
+            let before = if self.previous_is_before { &self.before } else { &self.previous };
+            let calm = self.work.is_calm();
+            self.own_motion.step(&self.picture, before, anchor, self.noise_sigma, capture, calm)
         } else {
             Motion::Standing
         };
@@ -764,7 +765,7 @@ impl MotionStage {
     }
 
     fn build(&mut self, capture: Timestamp) -> Option<AlarmKind> {
-        if !self.background.collect(&self.picture, capture) {
+        if !self.background.collect(&self.picture, &self.valid, capture) {
             return None;
         }
         self.state = BackgroundState::Ready;
@@ -805,8 +806,12 @@ impl MotionStage {
     /// Median of the pixels' noise, from a sparse sample.
     fn update_noise_sigma(&mut self) {
         const STRIDE: usize = 131;
-        let mut sample: Vec<u16> = self.background.noise.iter().copied().step_by(STRIDE).collect();
+        let tested = self.background.noise.iter().zip(&self.valid).step_by(STRIDE).filter(|(_, valid)| **valid != 0);
+        let mut sample: Vec<u16> = tested.map(|(noise, _)| *noise).collect();
         let middle = sample.len() / 2;
+        if sample.is_empty() {
+            return;
+        }
         let (_, median, _) = sample.select_nth_unstable(middle);
         self.noise_sigma = (f64::from(*median) / 256.0 * 1.2533).max(0.3);
     }

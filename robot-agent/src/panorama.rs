@@ -143,13 +143,32 @@ impl PanoramaGeometry {
         Self::of_scale(scale, elevation_rad)
     }
 
-    /// The panorama of a camera that looks one way, as an agent works on: all round, though only a part of it is ever valid.
-    ///
-    /// The rule is that of [`PanoramaGeometry::for_camera`], with the scale in the middle of the picture.
+    /// The panorama that people and robots are looked for in: that of [`PanoramaGeometry::for_camera`], of a camera that sees the pole
+    /// the part from -60° to 45°, on a cylinder as well; of one that looks one way all round, though only a part of it is ever valid.
     ///
     /// # Errors
-    /// [`GeometryError::NotPanoramic`] for a camera that looks up or down, whose picture's middle is no bearing.
-    pub fn around(camera: &MountedCamera) -> Result<Self, GeometryError> {
+    /// [`GeometryError::NotPanoramic`] for a camera that looks one way, up or down, whose picture's middle is no bearing.
+    pub fn for_work(camera: &MountedCamera) -> Result<Self, GeometryError> {
+        const WORK_RAD: [f64; 2] = [-PI / 3.0, PI / 4.0];
+        let suited = if camera.camera().is_panoramic() { Self::for_camera(camera)? } else { Self::around(camera)? };
+        let [low, high] = suited.elevation_rad();
+        let [low, high] = [low.max(WORK_RAD[0]), high.min(WORK_RAD[1])];
+        if suited.projection == Projection::Cylinder || low >= high {
+            return Ok(suited);
+        }
+        // Beside the pole much of the picture's scale is along the meridians; around the robot it has no more than this.
+        let around = |k: u32| {
+            let (bearing, share) = (f64::from(k % 8) * PI / 4.0, f64::from(k / 8) / 16.0);
+            Some(camera.resolution(bearing, low + share * (high - low))?.bearing_px_per_rad)
+        };
+        let most = (0..8 * 17).filter_map(around).fold(0.0, f64::max);
+        let scale = (f64::from(suited.width) + 0.5) / TAU;
+        Self::of_scale(if most > 0.0 { scale.min(most) } else { scale }, [low, high])
+    }
+
+    /// The panorama of a camera that looks one way: all round. The rule is that of [`PanoramaGeometry::for_camera`], with the scale in
+    /// the middle of the picture.
+    fn around(camera: &MountedCamera) -> Result<Self, GeometryError> {
         const STEEPEST_RAD: f64 = PI / 4.0;
         let not_panoramic = || GeometryError::NotPanoramic { model: camera.camera().model() };
         let middle = camera.image_size_px().map(|n| 0.5 * (f64::from(n) - 1.0));

@@ -17,7 +17,7 @@ use protocol::marker::Marker;
 use serde::{Deserialize, Serialize};
 
 pub use camera::{CameraSpec, TiltSpec};
-pub use others::{EyeSpec, OtherCamera};
+pub use others::{EyeSpec, OtherCamera, Slopes};
 pub use room::{FurnitureKind, FurnitureSpec, LampSpec, RoomSpec, share_at};
 pub use wear::{BeaconSpec, WearOf, WearSpec};
 

@@ -9,15 +9,16 @@ mod specimens;
 use std::path::Path;
 use std::sync::Arc;
 
-use nalgebra::Vector3;
 use robot_agent::optics::{CameraFile, MountedCamera};
 use robot_agent::panorama::{GazeWindow, Lut, PanoramaGeometry};
 
 use crate::render::Renderer;
 use crate::render::bench::OutwardRay;
+use crate::render::eyes::OutwardRay as OutwardRayM;
 use crate::render::rays::Rays;
 use crate::scenario::Scenario;
 use crate::world::World;
+use serde::{Deserialize, Serialize};
 
 pub use specimens::specimens;
 
@@ -41,11 +42,11 @@ pub struct Specimen {
 }
 
 impl Specimen {
-    /// As `camera.toml`.
-    pub fn camera_toml(&self) -> String {
+    /// As `camera.toml` of a camera so high above the floor.
+    pub fn camera_toml(&self, height_m: f64) -> String {
         let Self { model, size_px: [w, h], table, .. } = self;
         format!(
-            "model = \"{model}\"\nimage_size_px = [{w}, {h}]\n[{model}]\n{table}\n[mounting]\nheight_m = {HEIGHT_M}\n"
+            "model = \"{model}\"\nimage_size_px = [{w}, {h}]\n[{model}]\n{table}\n[mounting]\nheight_m = {height_m:?}\n"
         )
     }
 
@@ -54,8 +55,17 @@ impl Specimen {
     /// # Errors
     /// Why it is no camera.
     pub fn agents_camera(&self) -> Result<MountedCamera, ZooError> {
-        let file = CameraFile::parse(&self.camera_toml(), self.name.as_ref());
+        let file = CameraFile::parse(&self.camera_toml(HEIGHT_M), self.name.as_ref());
         file.and_then(|file| file.mount()).map_err(|e| ZooError(e.to_string()))
+    }
+
+    /// Origin (m, from the camera's) and unit direction of what a point of the picture sees; `camera` is the agent's: where that
+    /// says that nothing is, the lens' stop is.
+    pub fn ray(&self, camera: &MountedCamera, u: f64, v: f64) -> Option<OutwardRayM> {
+        let nearest = nalgebra::Vector2::new(u.clamp(0.0, 1e9).round(), v.clamp(0.0, 1e9).round());
+        camera.camera().unproject(&nearest)?;
+        let ray = (self.trace)(u, v)?;
+        Some((ray.origin_mm * 1e-3, ray.direction))
     }
 
     /// Its picture of the first robot's place in a world, and what the agent unwraps it to: all around, or straight ahead
@@ -65,15 +75,7 @@ impl Specimen {
     /// What cannot be made.
     pub fn pictures(&self, world: &Arc<World>) -> Result<[image::GrayImage; 2], ZooError> {
         let camera = self.agents_camera()?;
-        let trace = |u: f64, v: f64| {
-            // Where the agent says that nothing is, the lens' stop is.
-            let nearest = nalgebra::Vector2::new(u.clamp(0.0, 1e9).round(), v.clamp(0.0, 1e9).round());
-            camera.camera().unproject(&nearest)?;
-            let ray = (self.trace)(u, v)?;
-            let origin_m: Vector3<f64> = ray.origin_mm * 1e-3;
-            Some((origin_m, ray.direction))
-        };
-        let rays = Rays::of_camera(self.size_px, HEIGHT_M, trace);
+        let rays = Rays::of_camera(self.size_px, HEIGHT_M, |u, v| self.ray(&camera, u, v));
         let picture = Renderer::with_rays(world, rays).render(TIME_S);
         let lut = match PanoramaGeometry::for_camera(&camera) {
             Ok(geometry) => Lut::panorama(&camera, &geometry),
@@ -88,6 +90,34 @@ impl Specimen {
         let raw = image::GrayImage::from_raw(picture.width, picture.height, picture.gray)
             .ok_or_else(|| ZooError("a picture of another size".into()))?;
         Ok([raw, panorama])
+    }
+}
+
+/// A camera of the zoo, written as its name.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(into = "String", try_from = "String")]
+pub struct Animal(usize);
+
+impl Animal {
+    /// The camera.
+    pub fn specimen(self) -> Specimen {
+        specimens().swap_remove(self.0)
+    }
+}
+
+impl From<Animal> for String {
+    fn from(animal: Animal) -> Self {
+        animal.specimen().name.to_owned()
+    }
+}
+
+impl TryFrom<String> for Animal {
+    type Error = String;
+
+    fn try_from(name: String) -> Result<Self, String> {
+        let names: Vec<&'static str> = specimens().iter().map(|s| s.name).collect();
+        let found = names.iter().position(|known| *known == name).map(Self);
+        found.ok_or_else(|| format!("no camera of the zoo is called `{name}`: there are {}", names.join(", ")))
     }
 }
 
@@ -120,7 +150,7 @@ pub fn write(
             picture.save(&path).map_err(|e| cannot(&path, &e))?;
         }
         let path = out.join(format!("{}.toml", specimen.name));
-        std::fs::write(&path, specimen.camera_toml()).map_err(|e| cannot(&path, &e))?;
+        std::fs::write(&path, specimen.camera_toml(HEIGHT_M)).map_err(|e| cannot(&path, &e))?;
         names.push(specimen.name);
         rows.push((specimen.name, raw, panorama));
         progress(n + 1);

@@ -408,8 +408,13 @@ impl Leader {
 
     /// Tells `text` unless something was told about `subject` before.
     fn tell_once(&mut self, subject: String, text: String, outputs: &mut Vec<Output>) {
-        if self.told.len() < MAX_NOTICES && self.told.insert(subject) {
-            outputs.push(Output::Notice(text));
+        if !self.told.insert(subject) {
+            return;
+        }
+        outputs.push(Output::Notice(text));
+        if self.told.len() >= MAX_NOTICES {
+            // Rather something twice than something new never.
+            self.told.clear();
         }
     }
 }

@@ -22,6 +22,8 @@ use crate::solve::terms::{Kind, Other, Term};
 
 /// Half of a person's width, metres: nobody sees past nearer than that.
 const HALF_WIDTH_M: f64 = 0.25;
+/// What one fault costs, m²: more than any error and way.
+const FAULT_M2: f64 = 1e9;
 /// Robots keep this far from each other beside their radii, metres.
 const MARGIN_M: f64 = 0.2;
 /// Robots keep this far from targets, metres.
@@ -103,7 +105,7 @@ pub fn plan(problem: &PlanProblem) -> Option<Plan> {
     }
     let covariances = expected(problem, &places)?;
     let rms = |c: &[Matrix2<f64>]| (c.iter().map(Matrix2::trace).sum::<f64>() / c.len() as f64).sqrt();
-    let visible = |places: &[[f64; 2]]| (0..places.len()).all(|r| allowed(problem, places, r));
+    let visible = |places: &[[f64; 2]]| (0..places.len()).all(|r| faults(problem, places, r) == 0);
     Some(Plan {
         error_here_m: expected(problem, &here).filter(|_| visible(&here)).map(|c| rms(&c)),
         error_there_m: rms(&covariances),
@@ -129,21 +131,25 @@ pub fn plan(problem: &PlanProblem) -> Option<Plan> {
             })
             .collect(),
     })
-    .filter(|_| best.is_finite())
+    .filter(|_| best < FAULT_M2)
 }
 
-/// What the places cost: variance and travel; infinite where somebody may not stand there.
+/// What the places cost: variance and travel. Where somebody may not stand or does not see, so much for each fault that fewer are
+/// always better: robots move one after the other, and several may be wrong at first.
 fn cost(problem: &PlanProblem, places: &[[f64; 2]], here: &[[f64; 2]]) -> f64 {
-    if (0..places.len()).any(|r| problem.robots[r].movable && !allowed(problem, places, r)) {
-        return f64::INFINITY;
+    let travel: f64 = places.iter().zip(here).map(|(p, h)| (p[0] - h[0]).hypot(p[1] - h[1])).sum();
+    let travel = problem.travel_m2_per_m * travel;
+    let movable = (0..places.len()).filter(|r| problem.robots[*r].movable);
+    let faults: usize = movable.map(|r| faults(problem, places, r)).sum();
+    if faults > 0 {
+        return FAULT_M2 * faults as f64 + travel;
     }
-    let Some(covariances) = expected(problem, places) else { return f64::INFINITY };
+    let Some(covariances) = expected(problem, places) else { return FAULT_M2 + travel };
     let error = match problem.criterion {
         Criterion::Trace => covariances.iter().map(Matrix2::trace).sum::<f64>(),
         Criterion::LargestAxis => covariances.iter().map(|c| c.symmetric_eigenvalues().max()).fold(0.0, f64::max),
     };
-    let travel: f64 = places.iter().zip(here).map(|(p, h)| (p[0] - h[0]).hypot(p[1] - h[1])).sum();
-    error + problem.travel_m2_per_m * travel
+    (error + travel).min(FAULT_M2)
 }
 
 /// Covariance of each target if the robots stood at `places`, all seeing each other and all targets; `None` where that
@@ -177,23 +183,22 @@ pub fn expected(problem: &PlanProblem, places: &[[f64; 2]]) -> Option<Vec<Matrix
     found.iter().all(|c| c.trace().is_finite() && c.trace() > 0.0 && c.trace() < 1e4).then_some(found)
 }
 
-/// Whether a robot may stand at its place: free, away from others, and sees everything.
-fn allowed(problem: &PlanProblem, places: &[[f64; 2]], robot: usize) -> bool {
+/// Why a robot may not stand at its place: it is not free or too near to others, and whom it does not see; 0: it may.
+fn faults(problem: &PlanProblem, places: &[[f64; 2]], robot: usize) -> usize {
     let me = places[robot];
     let radius = problem.robots[robot].radius_m;
-    if !problem.is_free(me, radius) {
-        return false;
-    }
     let range = |a: [f64; 2], b: [f64; 2]| (a[0] - b[0]).hypot(a[1] - b[1]);
     let others = || (0..places.len()).filter(|o| *o != robot);
-    if others().any(|o| range(me, places[o]) < radius + problem.robots[o].radius_m + MARGIN_M) {
-        return false;
-    }
-    problem.targets.iter().all(|(_, target)| {
-        range(me, *target) >= LEAST_TARGET_M
-            && problem.line_is_free(me, *target)
-            && others().all(|o| !hides(me, *target, HALF_WIDTH_M, places[o], problem.robots[o].radius_m))
-    }) && others().all(|o| problem.line_is_free(me, places[o]))
+    let sees_target = |target: [f64; 2]| {
+        range(me, target) >= LEAST_TARGET_M
+            && problem.line_is_free(me, target)
+            && others().all(|o| !hides(me, target, HALF_WIDTH_M, places[o], problem.robots[o].radius_m))
+    };
+    let is_near = |o: &usize| range(me, places[*o]) < radius + problem.robots[*o].radius_m + MARGIN_M;
+    usize::from(!problem.is_free(me, radius))
+        + others().filter(is_near).count()
+        + problem.targets.iter().filter(|(_, target)| !sees_target(*target)).count()
+        + others().filter(|o| !problem.line_is_free(me, places[*o])).count()
 }
 
 /// Whether something round hides a part of what is behind (or stands in it), or is hidden by it.

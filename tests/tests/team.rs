@@ -29,6 +29,32 @@ fn the_same_seed_gives_the_same_bytes_and_another_seed_others() {
     assert!(first == again);
 }
 
+/// All robots are in the last map, no farther off than this.
+fn assert_poses_within(run: &Outcome, limit_m: f64) {
+    let map = run.maps.last().unwrap();
+    let truth = run.world.at(run.true_time_s(map.stamp));
+    let room = |n: usize| Pose2::new(truth.robots[n].x_m, truth.robots[n].y_m, truth.robots[n].heading_rad);
+    let gauge = map.robots.iter().position(|r| Some(r.id) == map.gauge).unwrap();
+    let room_from_team = room(gauge) * map.robots[gauge].team_from_body.unwrap().inverse();
+    for (n, robot) in map.robots.iter().enumerate() {
+        let off = (room(n).inverse() * room_from_team * robot.team_from_body.unwrap()).position().norm();
+        assert!(off < limit_m, "{} is {off} m off", robot.id);
+    }
+}
+
+#[test]
+fn a_fisheye_and_a_mirror_that_see_the_pole_take_part_in_a_team() {
+    let mut scenario = tiny();
+    scenario.robots.count = 3;
+    let zoo = |name: &str| EyeSpec::Zoo { specimen: name.to_owned().try_into().unwrap() };
+    scenario.camera.others = [("r2", "fisheye-equidistant"), ("r3", "hyperboloidal")]
+        .map(|(robot, name)| OtherCamera { robot: RobotId::new(robot).unwrap(), camera: zoo(name) })
+        .into();
+    let settings = TeamSettings { duration_s: Some(3.0), ..TeamSettings::default() };
+    let run = simulated::run(&scenario, 3, &settings, &|_| {}).unwrap();
+    assert_poses_within(&run, 0.02);
+}
+
 #[test]
 fn a_pinhole_and_a_turning_slit_take_part_in_a_team() {
     let mut scenario = tiny();
@@ -46,15 +72,7 @@ fn a_pinhole_and_a_turning_slit_take_part_in_a_team() {
     // A turn takes 0.2 s and 5 s have 25 of them, the last of which is not over.
     let of = |robot: &str| run.observations.iter().filter(|(id, _)| id.as_str() == robot).count();
     assert!((24..=25).contains(&of("r3")) && of("r2") >= 48, "{} {}", of("r2"), of("r3"));
-    let map = run.maps.last().unwrap();
-    let truth = run.world.at(run.true_time_s(map.stamp));
-    let room = |n: usize| Pose2::new(truth.robots[n].x_m, truth.robots[n].y_m, truth.robots[n].heading_rad);
-    let gauge = map.robots.iter().position(|r| Some(r.id) == map.gauge).unwrap();
-    let room_from_team = room(gauge) * map.robots[gauge].team_from_body.unwrap().inverse();
-    for (n, robot) in map.robots.iter().enumerate() {
-        let off = (room(n).inverse() * room_from_team * robot.team_from_body.unwrap()).position().norm();
-        assert!(off < 0.02, "{} is {off} m off", robot.id);
-    }
+    assert_poses_within(&run, 0.02);
 }
 
 #[test]

@@ -145,7 +145,7 @@ impl Pipeline {
         }
         let Some(grid) = Grid::of(&self.geometry) else {
             self.markers = markers;
-            return vec!["fellow robots cannot be looked for in a spherical panorama".to_owned()];
+            return vec!["fellow robots cannot be looked for: the camera sees nothing near the horizon".to_owned()];
         };
         let detector = PeerDetector::for_team(&self.camera, grid, &markers);
         let unsupported = detector.unsupported().iter().map(|error| format!("a fellow robot: {error}"));

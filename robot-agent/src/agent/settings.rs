@@ -52,10 +52,7 @@ impl AgentSettings {
 
     /// The panorama that `camera` is unwarped to.
     pub(super) fn panorama(&self, camera: &MountedCamera) -> Result<PanoramaGeometry, GeometryError> {
-        let suited = match camera.camera().is_panoramic() {
-            true => PanoramaGeometry::for_camera(camera)?,
-            false => PanoramaGeometry::around(camera)?,
-        };
+        let suited = PanoramaGeometry::for_work(camera)?;
         let Some(columns) = self.panorama_columns else { return Ok(suited) };
         let rows = u64::from(suited.height()) * u64::from(columns) / u64::from(suited.width());
         PanoramaGeometry::new(columns, (rows as u32).max(2), suited.projection(), suited.elevation_rad())

@@ -141,9 +141,9 @@ fn try_out(
     bearings_rad: &[f64],
     marker: &Marker,
 ) -> Result<(), Failure> {
-    let geometry = PanoramaGeometry::for_camera(camera).map_err(Failure::usage)?;
+    let geometry = PanoramaGeometry::for_work(camera).map_err(Failure::usage)?;
     let Some(grid) = Grid::of(&geometry) else {
-        tracing::warn!("not tried out: peers are found in a cylinder panorama, and this camera sees beyond 60 degrees");
+        tracing::warn!("not tried out: this camera sees nothing from 60 degrees below to 45 above the horizon");
         return Ok(());
     };
     let mut detector = PeerDetector::new(camera, grid, std::slice::from_ref(marker));

@@ -36,9 +36,9 @@ pub(super) struct Arguments {
 pub(super) fn execute(arguments: &Arguments) -> Result<(), Failure> {
     check_frame_rate(arguments.frame_rate_hz)?;
     let camera = MountedCamera::load(&arguments.camera).map_err(Failure::usage)?;
-    let geometry = PanoramaGeometry::for_camera(&camera).map_err(Failure::usage)?;
+    let geometry = PanoramaGeometry::for_work(&camera).map_err(Failure::usage)?;
     let grid = Grid::of(&geometry)
-        .ok_or_else(|| Failure::usage("peers are found in a cylinder panorama; this camera sees beyond 60 degrees"))?;
+        .ok_or_else(|| Failure::usage("this camera sees nothing from 60 degrees below to 45 above the horizon"))?;
     let detector = detector(&camera, grid, &arguments.markers)?;
     let lut = Lut::panorama(&camera, &geometry);
     let mut source = open_frames(&arguments.input, &camera, arguments.frame_rate_hz)?;

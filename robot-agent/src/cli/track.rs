@@ -136,7 +136,7 @@ impl Offline {
         let panoramic = camera.camera().is_panoramic();
         let mut peers = None;
         let (lut, raster, view, valid) = if panoramic {
-            let geometry = PanoramaGeometry::for_camera(&camera).map_err(Failure::usage)?;
+            let geometry = PanoramaGeometry::for_work(&camera).map_err(Failure::usage)?;
             if let Some(path) = markers {
                 let grid = Grid::of(&geometry).ok_or_else(|| no_grid(path))?;
                 peers = Some(super::peers::detector(&camera, grid, path)?);

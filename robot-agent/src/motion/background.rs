@@ -136,8 +136,8 @@ impl Background {
         self.ready = false;
     }
 
-    /// Take a frame while the background is not ready; true when it has become ready with it.
-    pub fn collect(&mut self, picture: &[u8], capture: Timestamp) -> bool {
+    /// Take a frame while the background is not ready; true when it has become ready with it. `valid`: 0 where nothing is tested.
+    pub fn collect(&mut self, picture: &[u8], valid: &[u8], capture: Timestamp) -> bool {
         if self.arrived == 0 {
             self.first_capture = capture;
         }
@@ -161,13 +161,13 @@ impl Background {
             self.last_taken = capture;
         }
         if self.stack.len() >= enough {
-            self.settle();
+            self.settle(valid);
         }
         self.ready
     }
 
     /// Median and noise of the collected frames.
-    fn settle(&mut self) {
+    fn settle(&mut self, valid: &[u8]) {
         let n = self.stack.len();
         let mut median = vec![0; self.level.len()];
         kernel::median(&self.stack.iter().map(Vec::as_slice).collect::<Vec<_>>(), &mut median);
@@ -180,7 +180,7 @@ impl Background {
                 *c = c.abs_diff(m);
             }
         }
-        let pooled = if n > 2 { mean_of_typical_pixels(&self.stack) } else { 1.0 };
+        let pooled = if n > 2 { mean_of_typical_pixels(&self.stack, valid) } else { 1.0 };
         for (i, noise) in self.noise.iter_mut().enumerate() {
             // Few frames say little about one pixel: half its own voice, half that of all, and never less than all say
             // together, for a pixel that happened to be quiet would be loud later. Walkers must not raise it.
@@ -367,10 +367,10 @@ impl LearningRate {
 const VISIT_SHIFT: u32 = 3;
 
 /// Mean absolute deviation over the quieter 80 % of the pixels, made up for those left out being the louder ones.
-fn mean_of_typical_pixels(deviations: &[Vec<u8>]) -> f32 {
+fn mean_of_typical_pixels(deviations: &[Vec<u8>], valid: &[u8]) -> f32 {
     let n = deviations.len();
-    let mut sums: Vec<u32> =
-        (0..deviations[0].len()).map(|i| deviations.iter().map(|f| u32::from(f[i])).sum()).collect();
+    let of_all = |i: usize| deviations.iter().map(|f| u32::from(f[i])).sum();
+    let mut sums: Vec<u32> = (0..deviations[0].len()).filter(|i| valid[*i] != 0).map(of_all).collect();
     let keep = sums.len() * 4 / 5;
     if keep == 0 {
         return 1.0;
@@ -428,7 +428,7 @@ mod tests {
             let mut ready = false;
             for (i, v) in values.iter().enumerate() {
                 assert!(!ready);
-                ready = background.collect(&[*v; 3], at(i as f64));
+                ready = background.collect(&[*v; 3], &[1; 3], at(i as f64));
             }
             assert!(ready);
             assert_eq!(u64::from(background.levels()[0]), want.as_u64().unwrap());
@@ -439,7 +439,7 @@ mod tests {
     fn the_running_average_follows_the_golden_steps_in_fixed_point() {
         let golden = golden("bg_update");
         let mut background = Background::new(BackgroundMode::Instantaneous, row_of(2));
-        background.collect(&[100, 100], at(0.0));
+        background.collect(&[100, 100], &[1; 2], at(0.0));
         for want in golden["outputs"].as_array().unwrap() {
             let seen = Learnt { picture: &[140, 140], exposure_q15: 32768, how: &[kernel::LEARN, kernel::KEEP] };
             background.learn(seen, 0, &Run { words: 0..1, columns: 0..2 }, LearningRate::for_spacing(4, 0.1));
@@ -451,7 +451,7 @@ mod tests {
     #[test]
     fn a_relit_background_is_what_the_camera_sees_in_that_light() {
         let mut background = Background::new(BackgroundMode::Instantaneous, row_of(3));
-        background.collect(&[40, 100, 240], at(0.0));
+        background.collect(&[40, 100, 240], &[1; 3], at(0.0));
         background.relight(0.5);
         assert_eq!(background.levels(), [20, 50, 120]);
         background.relight(4.0);
@@ -463,7 +463,7 @@ mod tests {
         for rate_hz in [2.0, 5.0, 10.0, 25.0, 100.0] {
             let mut background = Background::new(BackgroundMode::Live { bootstrap_s: 0.8 }, row_of(4));
             let mut i = 0;
-            while !background.collect(&[9; 4], at(f64::from(i) / rate_hz)) {
+            while !background.collect(&[9; 4], &[1; 4], at(f64::from(i) / rate_hz)) {
                 i += 1;
             }
             assert!(f64::from(i) / rate_hz <= 1.0, "{rate_hz} Hz: frame {i}");

@@ -9,25 +9,44 @@ use super::regions::Region;
 
 /// Joins fragments until nothing changes; regions keep the order of their first pixel.
 pub(crate) fn join_fragments(mut regions: Vec<Region>, raster: &Raster, max_gap_share: f64) -> Vec<Region> {
-    // Each pass joins at least one pair, so this ends.
-    while let Some((a, b)) = first_pair(&regions, raster, max_gap_share) {
-        let second = regions.remove(b);
-        let joint = Region::joined(&[&regions[a], &second], raster);
-        regions[a] = joint;
+    keep_largest(&mut regions, MOST_FRAGMENTS);
+    let belong = |a: &Region, b: &Region| belong_together(a, b, raster, max_gap_share);
+    let mut a = 0;
+    while a < regions.len() {
+        let Some(b) = (a + 1..regions.len()).find(|b| belong(&regions[a], &regions[*b])) else {
+            a += 1;
+            continue;
+        };
+        let mut joined = (a, b);
+        loop {
+            let second = regions.remove(joined.1);
+            let joint = Region::joined(&[&regions[joined.0], &second], raster);
+            regions[joined.0] = joint;
+            // Of those before, which fitted nobody, one may fit the larger one.
+            let Some(before) = (0..joined.0).find(|before| belong(&regions[*before], &regions[joined.0])) else {
+                break;
+            };
+            joined = (before, joined.0);
+        }
+        a = joined.0;
     }
     regions
 }
 
-fn first_pair(regions: &[Region], raster: &Raster, max_gap_share: f64) -> Option<(usize, usize)> {
-    for a in 0..regions.len() {
-        for b in a + 1..regions.len() {
-            if belong_together(&regions[a], &regions[b], raster, max_gap_share) {
-                return Some((a, b));
-            }
-        }
+/// Leaves out the smallest of too many, the others in their order.
+fn keep_largest(regions: &mut Vec<Region>, most: usize) {
+    if regions.len() <= most {
+        return;
     }
-    None
+    let mut areas: Vec<usize> = regions.iter().map(|region| region.area).collect();
+    let (_, least, _) = areas.select_nth_unstable_by(most - 1, |a, b| b.cmp(a));
+    let least = *least;
+    regions.retain(|region| region.area >= least);
+    regions.truncate(most);
 }
+
+/// Most fragments that are joined: leaves in the wind make thousands.
+const MOST_FRAGMENTS: usize = 512;
 
 fn belong_together(a: &Region, b: &Region, raster: &Raster, max_gap_share: f64) -> bool {
     let shared = a.arc.overlap(&b.arc, raster);

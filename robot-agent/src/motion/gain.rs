@@ -20,31 +20,39 @@ const RUNS: usize = 128;
 const RUN: usize = 16;
 /// Darker pixels carry no ratio.
 const MIN_LEVEL: u16 = 24 << 8;
+/// One of so many tested pixels must carry one.
+const LEAST_SHARE: u32 = 8;
 /// Bins of the ratios' histogram for a ratio of 1; it reaches to 2.
 const BINS: usize = 1024;
 
-/// A sparse sample of `len` pixels.
+/// A sparse sample of `len` pixels: a run somewhere in each of equal parts, so that the runs are in all columns whatever the width.
 pub(super) fn sample(len: usize) -> impl Iterator<Item = Range<usize>> {
-    // An odd step wanders through the columns.
-    let step = (len / RUNS).max(RUN) | 1;
-    (0..len).step_by(step).map(move |start| start..(start + RUN).min(len))
+    let part = (len / RUNS).max(RUN);
+    (0..len / part).map(move |k| {
+        // Weyl's sequence by the golden ratio.
+        let share = (k as u32).wrapping_mul(0x9E37_79B1) as usize;
+        let start = k * part + (share >> 8) % (part - RUN + 1);
+        start..start + RUN
+    })
 }
 
 /// Median of picture / background; 1 where nothing can be said. Levels are 8.8 fixed point; `valid` is 0 or 1. `before` is the gain
 /// of the frame before.
 pub(super) fn common_gain(picture: &[u8], background: &[u16], valid: &[u8], before: f64) -> f64 {
     let mut counts = [0u16; 2 * BINS];
-    let mut n = 0u32;
+    let (mut n, mut tested) = (0u32, 0u32);
     let mut bins = [0u16; RUN];
     for run in sample(picture.len()) {
         let bins = &mut bins[..run.len()];
+        tested += valid[run.clone()].iter().map(|v| u32::from(*v)).sum::<u32>();
         kernel::ratio_bins(&picture[run.clone()], &background[run.clone()], &valid[run], MIN_LEVEL, BINS as u16, bins);
         for &bin in bins.iter().filter(|bin| **bin != u16::MAX) {
             counts[usize::from(bin)] += 1;
             n += 1;
         }
     }
-    if n < 50 {
+    // A few lights at night do not speak for the rest.
+    if n < 50 || n < tested / LEAST_SHARE {
         return 1.0;
     }
     // Within its bin the median is where the counts say.
@@ -107,6 +115,28 @@ mod tests {
             .collect();
         let gain = common_gain(&picture, &background, &vec![1; 30_000], 1.0);
         assert!((gain - 1.1).abs() < 0.02, "{gain}");
+    }
+
+    #[test]
+    fn the_sample_is_in_all_columns_of_pictures_of_every_size() {
+        for (width, height) in
+            [(512, 384), (768, 576), (1024, 768), (1280, 1024), (4096, 3072), (1080, 162), (720, 108)]
+        {
+            let mut eighths = [0; 8];
+            for run in sample(width * height) {
+                assert!(run.end <= width * height);
+                eighths[run.start % width * 8 / width] += 1;
+            }
+            assert!(eighths.iter().all(|n| (8..=24).contains(n)), "{width}x{height}: {eighths:?}");
+        }
+        assert_eq!(sample(100).last(), Some(80..96));
+    }
+
+    #[test]
+    fn lights_in_the_night_say_nothing_of_the_rest() {
+        let background: Vec<u16> = (0..30_000usize).map(|i| if i % 150 < 10 { 80 << 8 } else { 8 << 8 }).collect();
+        let picture: Vec<u8> = background.iter().map(|b| if *b > 24 << 8 { 100 } else { 8 }).collect();
+        assert_eq!(common_gain(&picture, &background, &vec![1; 30_000], 1.0), 1.0);
     }
 
     #[test]

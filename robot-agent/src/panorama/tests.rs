@@ -248,6 +248,13 @@ fn a_fisheye_that_looks_ahead_or_down_gets_a_panorama_of_what_it_sees() {
         lut.valid()[row * panorama.width() as usize + column]
     };
     assert!(valid(0.0, 0.0) && valid(0.0, -60.0) && valid(0.0, 60.0) && valid(-60.0, -20.0) && !valid(180.0, 0.0));
+    // What is looked for in it is on a cylinder.
+    let work = PanoramaGeometry::for_work(&looking(0.0)).unwrap();
+    let [low, high] = work.elevation_rad().map(f64::to_degrees);
+    assert!(work.projection() == Projection::Cylinder && low < -20.0 && (high - 45.0).abs() < 1e-9, "{low} {high}");
+    assert_eq!(work.width(), 960, "170 px a radian along the meridians");
+    let reference = MountedCamera::reference(0.6);
+    assert_eq!(PanoramaGeometry::for_work(&reference), PanoramaGeometry::for_camera(&reference));
     // Straight down it sees what straight up it would see above.
     let [low, high] = PanoramaGeometry::for_camera(&looking(180.0)).unwrap().elevation_rad();
     let [up_low, up_high] = PanoramaGeometry::for_camera(&looking(0.0)).unwrap().elevation_rad();

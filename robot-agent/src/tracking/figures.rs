@@ -54,6 +54,9 @@ const GAP_MARKED: [f32; 2] = [0.15, 0.5];
 /// Half of the breadth in which nobody has a gap, and the distance from which on heads and feet tell more, metres.
 const SOLID_M: f64 = 0.2;
 const GAP_RANGE_M: f64 = 2.3;
+/// Gaps are looked for in the upper one of so many parts of the picture, where there are no legs at lower than this, metres.
+const UPPER_SHARE: usize = 4;
+const HIPS_M: f64 = 0.72;
 /// The same as [`SPLIT_GAIN`] where there is such a gap.
 const SPLIT_GAIN_AT_GAP: f32 = -0.15;
 /// Rounds of the joint fit.
@@ -145,6 +148,9 @@ pub(super) struct Figures {
     silhouettes: Silhouettes,
     /// The highest place of the picture at each distance.
     highest_m: Vec<f64>,
+    /// Rows of cells in which gaps are looked for, and from which distance on hips and trunks are there, not legs; `None`: nowhere.
+    upper_rows: usize,
+    least_gap_range_m: Option<f64>,
     columns: usize,
     rows: usize,
     /// Cells repeated at both ends of a row, so that no sum has to wrap.
@@ -169,6 +175,8 @@ impl Figures {
         let rows = raster.height.div_ceil(CELL[1]);
         let len = rows * (columns + 2 * pad);
         let highest = view.angles_rad(0.0, 0.0)?.1;
+        let upper_rows = (rows / UPPER_SHARE).max(1);
+        let upper_tan = view.angles_rad(0.0, 0.5 * (upper_rows * CELL[1]) as f64)?.1.tan();
         let highest_m = (0..LEVELS).map(|l| camera_m + silhouettes.average(l).range_m * highest.tan()).collect();
         let column_rad = view.steps_rad(0.0, raster.height as f64 / 2.0)[0];
         let (marked, weight, log_grey) = (vec![0.0; len], vec![0.0; len], vec![0.0; len]);
@@ -177,6 +185,8 @@ impl Figures {
             raster: *raster,
             silhouettes,
             highest_m,
+            upper_rows,
+            least_gap_range_m: (upper_tan > 0.0).then(|| (HIPS_M - camera_m) / upper_tan),
             columns,
             rows,
             pad,
@@ -219,7 +229,7 @@ impl Figures {
                 self.weight[i] = if known { 0.0 } else { tested as f32 / (CELL[0] * CELL[1]) as f32 };
             }
         }
-        let upper_rows = (self.rows / 4).max(1);
+        let upper_rows = self.upper_rows;
         for (cell, upper) in self.upper.iter_mut().enumerate() {
             let sum: f32 = (0..upper_rows).map(|row| self.marked[row * stride + self.pad + cell]).sum();
             *upper = sum / upper_rows as f32;
@@ -509,7 +519,7 @@ impl Figures {
 
     /// Whether there is a gap down the middle of a body so near that trunk or hips must close it: they are several.
     fn has_gap(&self, cell: i64, range_m: f64) -> bool {
-        if range_m > GAP_RANGE_M {
+        if range_m > GAP_RANGE_M || self.least_gap_range_m.is_none_or(|least_m| range_m < least_m) {
             return false;
         }
         let half = (self.columns_of(SOLID_M, range_m) / CELL[0] as f64).round() as i64;

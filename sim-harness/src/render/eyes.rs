@@ -1,4 +1,4 @@
-//! Cameras that are no PAL: one that looks one way, and a slit that turns.
+//! Cameras that are no PAL: one that looks one way, a slit that turns, and those of the zoo.
 //!
 //! A turning slit sees each column at its own instant: its picture is joined from strips of few columns, each drawn as the
 //! world is when the slit passes it.
@@ -10,7 +10,7 @@ use std::sync::Arc;
 use super::Renderer;
 use super::rays::Rays;
 use super::scene::Scene;
-use crate::scenario::EyeSpec;
+use crate::scenario::{EyeSpec, Slopes};
 use crate::world::World;
 
 /// Light beyond the picture's border, so that the lens' blur takes none from the border.
@@ -23,23 +23,32 @@ const STRIP_PAD_PX: usize = 2;
 /// Origin (m, from the camera's middle) and unit direction in the body frame.
 pub type OutwardRay = (Vector3<f64>, Vector3<f64>);
 
-/// What a place on the picture sees.
+/// What a place on a picture sees whose rows are slopes.
 pub fn ray(eye: &EyeSpec, u: f64, v: f64) -> Option<OutwardRay> {
-    let (f, up) = (eye.focal_length_px(), eye.horizon_px() - v);
-    let direction = match eye {
-        EyeSpec::Pinhole { image_size_px: [width, _], .. } => Vector3::new(f, 0.5 * (f64::from(*width) - 1.0) - u, up),
-        EyeSpec::Rotating { image_size_px: [width, _], .. } => {
-            let slit = PI - TAU * (u + 0.5) / f64::from(*width);
-            Vector3::new(f * slit.cos(), f * slit.sin(), up)
-        }
+    let Slopes { focal_length_px: f, horizon_px } = eye.slopes()?;
+    let (width, up) = (f64::from(eye.image_size_px()[0]), horizon_px - v);
+    let direction = if eye.turn_s().is_some() {
+        let slit = PI - TAU * (u + 0.5) / width;
+        Vector3::new(f * slit.cos(), f * slit.sin(), up)
+    } else {
+        Vector3::new(f, 0.5 * (width - 1.0) - u, up)
     };
     Some((Vector3::zeros(), direction.normalize()))
 }
 
-/// All rays of a camera and [`PAD_PX`] beyond.
+/// All rays of a camera and [`PAD_PX`] beyond; none of one of the zoo that the agent cannot read (a test reads all).
 pub(super) fn rays(eye: &EyeSpec, height_m: f64) -> Rays {
-    let (EyeSpec::Pinhole { image_size_px, .. } | EyeSpec::Rotating { image_size_px, .. }) = eye;
-    Rays::of_camera_with_margin(*image_size_px, [PAD_PX; 2], height_m, |u, v| ray(eye, u, v))
+    let rays = |ray: &dyn Fn(f64, f64) -> Option<OutwardRay>| {
+        Rays::of_camera_with_margin(eye.image_size_px(), [PAD_PX; 2], height_m, ray)
+    };
+    match eye {
+        EyeSpec::Zoo { specimen } => {
+            let specimen = specimen.specimen();
+            let camera = specimen.agents_camera().ok();
+            rays(&|u, v| specimen.ray(camera.as_ref()?, u, v))
+        }
+        EyeSpec::Pinhole { .. } | EyeSpec::Rotating { .. } => rays(&|u, v| ray(eye, u, v)),
+    }
 }
 
 /// A turn of a slit.

@@ -9,7 +9,7 @@ mod roster;
 mod stations;
 mod watch;
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 
 use nalgebra::{Matrix3, Vector3};
 use protocol::frames::Pose2;
@@ -64,8 +64,8 @@ pub struct Calibrator {
     /// What is wrong, and what of it nobody has been told yet.
     findings: Vec<Finding>,
     new_findings: Vec<Finding>,
-    /// Robots whose name on a marker means nothing.
-    misnamed: BTreeSet<usize>,
+    /// Robots that read their own name on others: how often in a row, and when last.
+    own_names: BTreeMap<usize, (u32, Timestamp)>,
     /// Placed robots whose sightings others can verify.
     verifiable: BTreeSet<usize>,
     last_watch: Option<Timestamp>,
@@ -126,7 +126,7 @@ impl Calibrator {
             fit: Fit { dof: 0, usual: 0.0, utmost: 0.0 },
             findings: Vec::new(),
             new_findings: Vec::new(),
-            misnamed: BTreeSet::new(),
+            own_names: BTreeMap::new(),
             verifiable: BTreeSet::new(),
             last_watch: None,
             thrifty: false,
@@ -155,8 +155,8 @@ impl Calibrator {
     /// Works on one observation.
     pub fn observe(&mut self, look: &Look<'_>) -> Changes {
         self.changes = Changes::default();
-        let sightings: Vec<Sighted> =
-            look.sightings.iter().map(|s| Sighted { robot: self.believed_name(look.robot, s.robot), ..*s }).collect();
+        let named = |s: &Sighted| Sighted { robot: self.believed_name(look.robot, s.robot, look.at), ..*s };
+        let sightings: Vec<Sighted> = look.sightings.iter().map(named).collect();
         let motion = self.motion(look);
         let look = &Look { motion, sightings: &sightings, ..look.clone() };
         self.follow_motion(look);

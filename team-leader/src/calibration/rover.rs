@@ -3,7 +3,8 @@
 //! State: x, y, heading and their rates, in the team frame, *given* the poses of the standing robots. The rates forget
 //! (Ornstein–Uhlenbeck with the stated speeds), so that uncertainty grows like a driving robot's and not like a rocket's.
 //! How the estimate depends on the standing robots' poses is carried along as a matrix (Schmidt's consider filter): their
-//! errors neither average out over the frames of one drive nor are they counted twice.
+//! errors neither average out over the frames of one drive nor are they counted twice. Once it stands, every frame has the same lasting
+//! errors: what it knew on arrival is kept beside, for the sightings since then are those of its station.
 
 use nalgebra::{Matrix3, Matrix6, Matrix6x3, RowVector3, RowVector6, Vector3, Vector6};
 use protocol::angle::wrap;
@@ -25,7 +26,7 @@ const GATE: f64 = 16.0;
 /// Longest prediction in one go, seconds.
 const LONGEST_STEP_S: f64 = 5.0;
 
-/// A moving robot.
+/// A moving robot, or one that has come to stand and is not tied to others yet.
 #[derive(Debug, Clone)]
 pub struct Rover {
     mean: Vector6<f64>,
@@ -33,6 +34,16 @@ pub struct Rover {
     dependence: Vec<(usize, Matrix6x3<f64>)>,
     at: Timestamp,
     speeds: [f64; 2],
+    arrived: Option<Box<Arrived>>,
+}
+
+/// A rover as it came to stand.
+#[derive(Debug, Clone)]
+struct Arrived {
+    /// Before anybody saw it stand.
+    before: Rover,
+    /// How often each standing robot has seen it stand.
+    sightings: Vec<(usize, u32)>,
 }
 
 /// One predicted scalar with its derivatives to the rover's state and to the standing robot's pose.
@@ -64,6 +75,7 @@ impl Rover {
             dependence: departed.dependence.iter().map(|(m, d)| (*m, wide(d))).collect(),
             at,
             speeds,
+            arrived: None,
         }
     }
 
@@ -75,7 +87,7 @@ impl Rover {
             cov[(k, k)] = 1e-12;
         }
         let mean = Vector6::new(pose.x_m, pose.y_m, pose.heading_rad, 0.0, 0.0, 0.0);
-        Self { mean, cov, dependence: Vec::new(), at, speeds }
+        Self { mean, cov, dependence: Vec::new(), at, speeds, arrived: None }
     }
 
     /// Pose at `at`, from the state's time.
@@ -83,6 +95,11 @@ impl Rover {
         let dt = at.seconds_since(self.at).clamp(-LONGEST_STEP_S, LONGEST_STEP_S);
         let m = &self.mean;
         Pose2::new(m[0] + dt * m[3], m[1] + dt * m[4], m[2] + dt * m[5])
+    }
+
+    /// Pose at the state's time.
+    pub fn pose(&self) -> Pose2 {
+        self.pose_at(self.at)
     }
 
     /// Whether it hardly moves.
@@ -113,8 +130,22 @@ impl Rover {
         0.5 * (sum + sum.transpose())
     }
 
+    /// What is known of it but for the sightings since it stands.
+    pub fn before_it_stood(&self) -> &Self {
+        self.arrived.as_ref().map_or(self, |arrived| &arrived.before)
+    }
+
     /// Predicts to `at`; backwards is ignored. A robot that says it stands has no speed.
     pub fn predict(&mut self, at: Timestamp, standing: bool) {
+        self.move_on(at, standing);
+        if !standing {
+            self.arrived = None;
+        } else if self.arrived.is_none() {
+            self.arrived = Some(Box::new(Arrived { before: self.clone(), sightings: Vec::new() }));
+        }
+    }
+
+    fn move_on(&mut self, at: Timestamp, standing: bool) {
         let dt = at.seconds_since(self.at).min(LONGEST_STEP_S);
         if dt <= 0.0 {
             return;
@@ -214,9 +245,10 @@ impl Rover {
         (sum < GATE).then_some(sum)
     }
 
-    /// The standing `member` saw this robot.
-    pub fn update_seen(&mut self, block: &Block, member: usize, at: Timestamp, sighted: &Sighted) {
-        if let Some(terms) = self.seen(block, member, at, sighted) {
+    /// The standing `member` saw this robot; `floored`: with what frames of the same view have in common.
+    pub fn update_seen(&mut self, block: &Block, member: usize, at: Timestamp, frame: &Sighted, floored: &Sighted) {
+        let seen = self.arrived.as_mut().map_or(1, |arrived| arrived.once_more(member));
+        if let Some(terms) = self.seen(block, member, at, &frame.nth(floored, seen)) {
             self.update(member, &terms);
         }
     }
@@ -234,6 +266,9 @@ impl Rover {
             self.mean += d * shift;
             self.mean[2] = wrap(self.mean[2]);
         }
+        if let Some(arrived) = &mut self.arrived {
+            arrived.before.shift(member, shift);
+        }
     }
 
     /// `member` leaves its station: what its error contributed stays as this robot's own.
@@ -241,6 +276,9 @@ impl Rover {
         if let Some(k) = self.dependence.iter().position(|(m, _)| *m == member) {
             let (_, d) = self.dependence.swap_remove(k);
             self.cov += d * covariance * d.transpose();
+        }
+        if let Some(arrived) = &mut self.arrived {
+            arrived.before.forget(member, covariance);
         }
     }
 
@@ -333,5 +371,44 @@ impl Rover {
         }
         self.mean += moved;
         self.mean[2] = wrap(self.mean[2]);
+    }
+}
+
+impl Arrived {
+    /// How often `member` has seen it stand, with this time.
+    fn once_more(&mut self, member: usize) -> u32 {
+        let Some((_, n)) = self.sightings.iter_mut().find(|(m, _)| *m == member) else {
+            self.sightings.push((member, 1));
+            return 1;
+        };
+        *n = n.saturating_add(1);
+        *n
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_robot_that_stands_is_no_surer_than_the_lasting_error_of_who_sees_it_and_arrived_with_what_it_knew() {
+        let at = |s: f64| Timestamp::from_secs_f64(1000.0 + s);
+        let mut block = Block::new(1e-6);
+        block.insert(0, Pose2::IDENTITY, &(Matrix3::identity() * 1e-12));
+        let (true_sigma_m, lasting_rad) = (0.1, 1e-3);
+        let there = Pose2::new(3.0, 0.0, 0.0);
+        let mut rover =
+            Rover::standing_at(there, &(Matrix3::identity() * true_sigma_m * true_sigma_m), at(0.0), [0.5, 0.5]);
+        let frame =
+            Sighted { bearing_rad: 0.0, bearing_var: 1e-8, width_rad: None, frame_var: (1e-8, 0.0), robot: None };
+        let floored = Sighted { bearing_var: 1e-8 + lasting_rad * lasting_rad, ..frame };
+        for k in 1..=200 {
+            rover.predict(at(0.1 * f64::from(k)), true);
+            rover.update_seen(&block, 0, at(0.1 * f64::from(k)), &frame, &floored);
+        }
+        let across_m = rover.own_covariance()[(1, 1)].sqrt();
+        assert!((across_m / (3.0 * lasting_rad) - 1.0).abs() < 0.01, "{across_m}");
+        let before_m = rover.before_it_stood().own_covariance()[(1, 1)].sqrt();
+        assert!((before_m / true_sigma_m - 1.0).abs() < 0.01, "{before_m}");
     }
 }

@@ -42,6 +42,24 @@ impl Sighted {
         let widths = other.width_rad.zip(self.width_rad);
         (by_bearing, widths.map(|((a, va), (b, vb))| (a - b) * (a - b) / (va + vb + floor_var)))
     }
+
+    /// This frame as the `n`th of the same view, with variances for a filter that takes each frame for independent: of n frames
+    /// with white variance w and a lasting one f the mean has w/n + f, so the nth adds 1/(w/n + f) − 1/(w/(n−1) + f).
+    /// `floored` has w + f.
+    pub fn nth(&self, floored: &Self, n: u32) -> Self {
+        let n = f64::from(n);
+        let var = |white: f64, sum: f64| {
+            let white = white.max(1e-3 * sum);
+            let lasting = (sum - white).max(0.0);
+            (white + n * lasting) * (white + (n - 1.0) * lasting) / white
+        };
+        let widths = self.width_rad.zip(floored.width_rad);
+        Self {
+            bearing_var: var(self.bearing_var, floored.bearing_var),
+            width_rad: widths.map(|((width, white), (_, sum))| (width, var(white, sum))),
+            ..*self
+        }
+    }
 }
 
 /// The mean of a slot; variances are of the white part alone.
@@ -234,6 +252,17 @@ mod tests {
             slot.add(at(0.1 * f64::from(k)), sighted(if k % 2 == 0 { 0.003 } else { -0.003 }));
         }
         assert!(slot.mean().bearing_var > 5.0 * 1e-6 / 20.0);
+    }
+
+    #[test]
+    fn frames_of_one_view_never_know_more_than_their_lasting_error_leaves() {
+        let frame = sighted(0.0);
+        let lasting = 4e-6;
+        let floored = Sighted { bearing_var: 1e-6 + lasting, width_rad: Some((0.2, 8e-6)), ..frame };
+        let var = |n: u32| (1..=n).map(|k| frame.nth(&floored, k).bearing_var.recip()).sum::<f64>().recip();
+        assert!((var(1) - 5e-6).abs() < 1e-15);
+        assert!((var(10) - (1e-7 + lasting)).abs() < 1e-15);
+        assert!(var(10_000) > lasting);
     }
 
     #[test]

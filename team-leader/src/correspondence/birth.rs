@@ -203,15 +203,17 @@ impl Follower {
                 c.mean += (weighed.log_ratio - c.mean) / f64::from(c.count.min(MEAN_OVER));
                 (c.tracks, c.position, c.last) = (weighed.tracks, weighed.position, at);
             }
-            None if self.candidates.len() < MAX_CANDIDATES => self.candidates.push(Candidate {
-                pair,
-                tracks: weighed.tracks,
-                position: weighed.position,
-                mean: weighed.log_ratio,
-                count: 1,
-                last: at,
-            }),
-            None => {}
+            None => {
+                let (mean, tracks, position) = (weighed.log_ratio, weighed.tracks, weighed.position);
+                let new = Candidate { pair, tracks, position, mean, count: 1, last: at };
+                if self.candidates.len() < MAX_CANDIDATES {
+                    self.candidates.push(new);
+                } else if let Some(least) = self.candidates.iter_mut().min_by(|a, b| a.mean.total_cmp(&b.mean))
+                    && least.mean < new.mean
+                {
+                    *least = new;
+                }
+            }
         }
     }
 
@@ -224,6 +226,7 @@ impl Follower {
             return Vec::new();
         }
         hopeful.sort_by(|x, y| worth(*y).total_cmp(&worth(*x)));
+        let mut hopeful = self.contested(&hopeful, &standing);
         hopeful.truncate(packing::MOST);
         let of = |x: usize| &self.candidates[hopeful[x]];
         let weights: Vec<f64> = hopeful.iter().map(|k| worth(*k)).collect();
@@ -237,6 +240,31 @@ impl Follower {
                 || EVIDENCE.iter().any(|(enough, needed)| of(k).count >= *enough && lead() > *needed)
         });
         clear.map(|k| of(k).tracks.clone()).collect()
+    }
+
+    /// Of candidates, best first, those on which it depends whether one that does not stand is chosen: they share tracks with it, or
+    /// with others that do; of the same tracks the best. Many robots pair everybody many times.
+    fn contested(&self, hopeful: &[usize], standing: &[bool]) -> Vec<usize> {
+        let tracks = |k: usize| &self.candidates[k].tracks;
+        let mut distinct: Vec<usize> = Vec::new();
+        for &k in hopeful {
+            let same =
+                |j: &usize| tracks(*j).len() == tracks(k).len() && tracks(k).iter().all(|t| tracks(*j).contains(t));
+            if !distinct.iter().any(same) {
+                distinct.push(k);
+            }
+        }
+        let mut reached: Vec<bool> = distinct.iter().map(|k| !standing[*k]).collect();
+        let mut next: Vec<usize> = (0..distinct.len()).filter(|n| reached[*n]).collect();
+        while let Some(n) = next.pop() {
+            for m in 0..distinct.len() {
+                if !reached[m] && tracks(distinct[m]).iter().any(|t| tracks(distinct[n]).contains(t)) {
+                    reached[m] = true;
+                    next.push(m);
+                }
+            }
+        }
+        distinct.into_iter().zip(reached).filter(|(_, reached)| *reached).map(|(k, _)| k).collect()
     }
 
     /// Whether the candidate is a target as it stands: all its tracks are that one's.

@@ -106,13 +106,15 @@ pub fn widest_crossing(rays: &[(Pose2, f64)]) -> Option<Vector2<f64>> {
     let mut best: Option<(f64, Vector2<f64>)> = None;
     for (n, (pose_a, a)) in rays.iter().enumerate() {
         for (pose_b, b) in &rays[n + 1..] {
-            let met = triangulate(&StereoBearings {
+            let bearings = StereoBearings {
                 target_1_rad: *a,
                 target_2_rad: *b,
                 bearing_21_rad: pose_a.bearing_to(pose_b.position()),
                 bearing_12_rad: pose_b.bearing_to(pose_a.position()),
                 baseline_m: (pose_b.position() - pose_a.position()).norm(),
-            })?;
+            };
+            // Rays of two robots that stand in line with it may part; others still meet.
+            let Some(met) = triangulate(&bearings) else { continue };
             let sine = met.parallax_rad.sin();
             if sine > best.map_or(LEAST_PARALLAX, |(sine, _)| sine) {
                 best = Some((sine, pose_a.transform(met.position_m)));

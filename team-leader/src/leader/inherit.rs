@@ -13,7 +13,7 @@ use std::collections::BTreeMap;
 use nalgebra::Matrix3;
 use protocol::frames::Pose2;
 use protocol::id::RobotId;
-use protocol::message::TeamMap;
+use protocol::message::{Presence, TeamMap};
 use protocol::time::Timestamp;
 
 use super::{Leader, Output};
@@ -119,7 +119,8 @@ impl Leader {
         };
         for (id, pose, covariance) in placed(map, theirs) {
             let Some(k) = self.member(id, outputs) else { continue };
-            if from_file {
+            let said_gone = || map.robots.iter().any(|robot| robot.id == id && robot.presence == Presence::Offline);
+            if from_file || (self.members[k].heard.is_none() && said_gone()) {
                 self.members[k].alive = false;
             }
             self.move_to(k, ours, now);

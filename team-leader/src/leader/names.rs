@@ -131,7 +131,7 @@ impl Names {
                 self.waiting.push(Waiting { id: target.id, component, position: place(target), velocity, at });
             }
         }
-        self.keep_limits();
+        self.keep_limits(own);
     }
 
     /// A target of ours ends, and may be found again in another component, at `position` in its frame.
@@ -145,7 +145,7 @@ impl Names {
     ) {
         if let Some(id) = self.of.remove(&own) {
             self.waiting.push(Waiting { id, component, position, velocity, at });
-            self.keep_limits();
+            self.keep_limits(&[]);
         }
     }
 
@@ -156,11 +156,14 @@ impl Names {
         self.waiting.retain(|w| w.component != component);
     }
 
-    fn keep_limits(&mut self) {
+    /// Of the numbers those go first that were given first, but for those of `present` targets.
+    fn keep_limits(&mut self, present: &[Own]) {
         let excess = self.waiting.len().saturating_sub(MAX_WAITING);
         self.waiting.drain(..excess);
         while self.of.len() > MAX_NAMES {
-            self.of.pop_first();
+            let absent = self.of.iter().filter(|(own, _)| present.iter().all(|p| p.id != **own));
+            let Some(oldest) = absent.min_by_key(|(_, number)| **number).map(|(own, _)| *own) else { return };
+            self.of.remove(&oldest);
         }
     }
 
@@ -176,6 +179,7 @@ impl Names {
             }
         }
         let numbers: Vec<TargetId> = own.iter().map(|own| self.name(own.id, own.position, now)).collect();
+        self.keep_limits(own);
         self.places.note(own, &numbers, now);
         numbers
     }
@@ -207,7 +211,6 @@ impl Names {
             }
         };
         self.of.insert(own, name);
-        self.keep_limits();
         name
     }
 }
@@ -264,6 +267,24 @@ mod tests {
         let passing: Vec<Vec<(u32, f64)>> =
             (0..30).map(|k| f64::from(k) * 0.04).map(|x| vec![(1, x), (2, 1.2 - x)]).collect();
         assert_eq!(numbers(&passing.iter().map(Vec::as_slice).collect::<Vec<_>>()), [1, 2]);
+    }
+
+    #[test]
+    fn who_stays_keeps_his_number_whoever_comes_and_goes_in_another_component() {
+        let mut names = Names::default();
+        let stays = mine(1, 0.0, 0.0);
+        let place = |k: u32| Vector2::new(5.0 + 3.0 * f64::from(k % 40), 5.0);
+        let passing = |k: u32| Own { id: (4, TargetId(k)), position: place(k), velocity: Vector2::zeros() };
+        let count = MAX_NAMES as u32 + 100;
+        for k in 0..count {
+            let numbers = names.name_all(&[stays, passing(k)], at(f64::from(k)));
+            assert_eq!(numbers, [TargetId(1), TargetId(2 + k)]);
+        }
+        assert_eq!(names.of.len(), MAX_NAMES);
+        // One who comes while the rooms are full of forgotten numbers keeps his, too.
+        let comes = mine(2, -2.0, 0.0);
+        let first = names.name_all(&[stays, comes], at(f64::from(count)));
+        assert_eq!(names.name_all(&[stays, comes], at(f64::from(count) + 0.1)), first);
     }
 
     #[test]

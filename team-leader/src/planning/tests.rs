@@ -72,6 +72,19 @@ fn nobody_is_sent_where_he_may_not_be_or_sees_nothing() {
 }
 
 #[test]
+fn robots_that_hide_the_target_from_each_other_all_find_a_place() {
+    let robots: Vec<_> = (1..=4).map(|k| json!({"id": format!("r{k}"), "x_m": k, "y_m": 0})).collect();
+    let input = json!({"robots": robots, "targets": [{"id": "t", "x_m": 5.5, "y_m": 0}], "sigma_deg": 0.3});
+    let problem = PlanProblem::parse(&input.to_string()).unwrap();
+    let here: Vec<[f64; 2]> = (1..=4).map(|k| [f64::from(k), 0.0]).collect();
+    assert!((1..3).all(|r| faults(&problem, &here, r) > 0));
+    let found = plan(&problem).unwrap();
+    assert_eq!(found.error_here_m, None);
+    let there: Vec<[f64; 2]> = found.robots.iter().map(|r| [r.x_m, r.y_m]).collect();
+    assert!((1..4).all(|r| faults(&problem, &there, r) == 0), "{there:?}");
+}
+
+#[test]
 fn wrong_values_are_named() {
     let error = |input: serde_json::Value| PlanProblem::parse(&input.to_string()).unwrap_err().to_string();
     let robot = json!({"id": "r1", "x_m": 0, "y_m": 0});

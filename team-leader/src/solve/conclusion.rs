@@ -19,6 +19,8 @@ const TAIL: f64 = 0.026;
 const GROSS: f64 = 20.0;
 /// With more unknowns nobody is told what would cure what is open.
 const MAX_CURED: usize = 300;
+/// Part (m, rad, s of a direction of unit length) below which an unknown has none in it.
+const NO_PART: f64 = 1e-6;
 /// Most warnings of one kind.
 const MAX_WARNINGS: usize = 10;
 
@@ -59,8 +61,9 @@ impl Stage {
         } else {
             observability::cures(&joint.weakest, &self.layout, &joint.state, problem, &self.placed)
         };
+        let robots_determined = !self.layout.robots.iter().any(|columns| self.is_open(columns));
         let robots = problem.robots.iter().enumerate().filter(|(r, _)| self.placed[*r]);
-        let robots = robots.map(|(r, robot)| self.robot(r, &robot.id, determined)).collect();
+        let robots = robots.map(|(r, robot)| self.robot(r, &robot.id, robots_determined)).collect();
         let mut landmark = vec![false; problem.targets.len()];
         for l in &problem.landmarks {
             landmark[l.target] = true;
@@ -73,7 +76,8 @@ impl Stage {
                 x_m,
                 y_m,
                 z_m: self.layout.targets[t][2].map(|_| z_m),
-                covariance: determined.then(|| rows(&self.target_covariance(t))),
+                covariance: (robots_determined && !self.is_open(&self.layout.targets[t]))
+                    .then(|| rows(&self.target_covariance(t))),
                 observers: observers[t].iter().map(|r| problem.robots[*r].id.clone()).collect(),
                 time_s: problem.times[t],
                 paired: problem.paired_with(t),
@@ -89,9 +93,15 @@ impl Stage {
             undetermined: words::undetermined(joint, &self.layout, problem),
             cures,
             warnings,
-            joint_covariance: determined.then(|| self.joint_covariance(problem)),
+            joint_covariance: robots_determined.then(|| self.joint_covariance(problem)),
             ..Solution::empty(status, &explanation)
         }
+    }
+
+    /// Whether a direction that nothing determines has a part in one of these unknowns.
+    fn is_open(&self, columns: &[Option<usize>]) -> bool {
+        let directions = &self.joint.weakest.undetermined;
+        columns.iter().flatten().any(|column| directions.iter().any(|d| d[*column].abs() > NO_PART))
     }
 
     fn verdict(&self, problem: &Problem, namesakes: bool, left_open: bool) -> (SolveStatus, String) {

@@ -12,9 +12,22 @@ use crate::calibration::rover::Rover;
 /// A remembered pose that is further from the new one (squared sigmas of three numbers) is forgotten.
 const MEMORY_GATE: f64 = 16.0;
 
+/// Least variance of a remembered place in any direction: (3 µm)², (3 µrad)².
+const LEAST_VARIANCE: f64 = 1e-11;
+
 /// What a place may be off and still be the same: found anew by few sightings, or pushed by a hand's breadth (3 cm, 1°).
 pub(super) fn nudged() -> Matrix3<f64> {
     Matrix3::from_diagonal(&Vector3::new(1e-3, 1e-3, 3e-4))
+}
+
+/// What was written by others and rounded may be no covariance by a hair, or by more: without directions of no or negative variance.
+fn nearest_covariance(matrix: &Matrix3<f64>) -> Option<Matrix3<f64>> {
+    if !matrix.iter().all(|v| v.is_finite()) {
+        return None;
+    }
+    let mut eigen = (0.5 * (matrix + matrix.transpose())).symmetric_eigen();
+    eigen.eigenvalues.apply(|v| *v = v.max(LEAST_VARIANCE));
+    Some(eigen.recompose())
 }
 
 impl Calibrator {
@@ -32,11 +45,12 @@ impl Calibrator {
         if self.block.contains(robot) || self.robots.get(robot).is_none() {
             return;
         }
+        let Some(covariance) = nearest_covariance(covariance) else { return };
         if is_gauge || self.gauge.is_none() {
             self.gauge = Some(robot);
         }
         let speeds = [self.config.speed_mps, self.config.turn_radps];
-        self.robots[robot].rover = Some(Rover::standing_at(pose, covariance, at, speeds));
+        self.robots[robot].rover = Some(Rover::standing_at(pose, &covariance, at, speeds));
         self.robots[robot].unsure = unsure;
     }
 
@@ -65,5 +79,24 @@ impl Calibrator {
         let turned_rad = wrap(pose.heading_rad - before.heading_rad);
         let e = Vector3::new(pose.x_m - before.x_m, pose.y_m - before.y_m, turned_rad);
         (rover.covariance(&self.block) + nudged()).cholesky().is_some_and(|c| e.dot(&c.solve(&e)) < MEMORY_GATE)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_remembered_matrix_that_is_no_covariance_becomes_one_and_a_right_one_stays() {
+        let right = Matrix3::new(4e-4, 1e-4, 0.0, 1e-4, 2e-4, 0.0, 0.0, 0.0, 1e-5);
+        assert!((nearest_covariance(&right).unwrap() - right).amax() < 1e-15);
+        let mut wrong = right;
+        wrong[(0, 1)] = 1e-3;
+        wrong[(1, 0)] = 1e-3;
+        wrong[(2, 2)] = -1e-6;
+        assert!(wrong.cholesky().is_none());
+        assert!(nearest_covariance(&wrong).unwrap().cholesky().is_some());
+        wrong[(0, 0)] = f64::NAN;
+        assert_eq!(nearest_covariance(&wrong), None);
     }
 }

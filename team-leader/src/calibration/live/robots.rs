@@ -166,10 +166,10 @@ impl Calibrator {
         let mut taken = vec![false; floored.len()];
         for (r, k) in clear_pairs(&pairs) {
             let standing = self.robots[r].standing_since.is_some();
-            let sighted = self.believed(look.robot, r, &floored[k]);
+            let [frame, floored] = [&look.sightings[k], &floored[k]].map(|s| self.believed(look.robot, r, s));
             if let Some(rover) = &mut self.robots[r].rover {
                 rover.predict(look.at, standing);
-                rover.update_seen(&self.block, look.robot, look.at, &sighted);
+                rover.update_seen(&self.block, look.robot, look.at, &frame, &floored);
             }
             // A robot that stands again is to get a slot.
             taken[k] = !standing;

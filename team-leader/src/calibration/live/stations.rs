@@ -293,12 +293,14 @@ impl Calibrator {
             let was_unsure = std::mem::take(&mut self.robots[*robot].unsure);
             if let Some(rover) = self.robots[*robot].rover.take() {
                 if agrees {
-                    // Twice, because its correlation with the standing ones is lost here.
-                    covariance = 2.0 * rover.covariance(&self.block);
+                    // The sightings since it stands come with its slots. Twice, because its correlation with the standing ones is
+                    // lost here.
+                    let before = rover.before_it_stood();
+                    covariance = 2.0 * before.covariance(&self.block);
                     if was_unsure {
                         covariance += remembered::nudged();
                     }
-                    start = rover.pose_at(at);
+                    start = before.pose();
                 } else if was_unsure {
                     self.moved.push(*robot);
                 }

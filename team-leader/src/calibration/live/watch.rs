@@ -30,6 +30,9 @@ const LEAST_RATIO: f64 = 0.03;
 const PAIR_SIGMAS: f64 = 6.0;
 /// Sightings of a slot before it accuses somebody.
 const LEAST_COUNT: u32 = 10;
+/// Looks at its own name, no more than so many seconds apart, after which a robot's name is not believed.
+const OWN_NAME_LOOKS: u32 = 3;
+const OWN_NAME_S: f64 = 2.0;
 /// Chance that a solution without faults looks worse.
 const UNUSUAL: f64 = 0.999;
 
@@ -136,11 +139,18 @@ impl Calibrator {
         }
     }
 
-    /// A name that a robot reads on another and that is its own means nothing; from then on it is not believed of anybody.
-    pub(super) fn believed_name(&mut self, observer: usize, told: Option<usize>) -> Option<usize> {
+    /// A name that a robot reads on another and that is its own means nothing. Who reads it again and again, and has not just misread
+    /// once, shows that it is not to be believed of anybody.
+    pub(super) fn believed_name(&mut self, observer: usize, told: Option<usize>, at: Timestamp) -> Option<usize> {
         let told = told?;
-        if told == observer && !self.misnamed.contains(&told) {
-            self.misnamed.insert(told);
+        if told != observer {
+            return (!self.is_misnamed(told)).then_some(told);
+        }
+        let (looks, last) = self.own_names.entry(told).or_insert((0, at));
+        let goes_on = *looks >= OWN_NAME_LOOKS || at.seconds_since(*last).abs() < OWN_NAME_S;
+        *looks = if goes_on { looks.saturating_add(1) } else { 1 };
+        *last = at;
+        if *looks == OWN_NAME_LOOKS {
             self.find(Finding::OwnName { observer });
             for robot in self.robots.iter_mut() {
                 for slot in robot.slots.iter_mut().filter(|s| s.told == Some(told)) {
@@ -148,7 +158,11 @@ impl Calibrator {
                 }
             }
         }
-        (!self.misnamed.contains(&told)).then_some(told)
+        None
+    }
+
+    fn is_misnamed(&self, robot: usize) -> bool {
+        self.own_names.get(&robot).is_some_and(|(looks, _)| *looks >= OWN_NAME_LOOKS)
     }
 
     /// Looks for what does not fit.
@@ -320,7 +334,7 @@ impl Calibrator {
             self.depart(robot, at);
             self.robots[robot].doubt = None;
         }
-        self.misnamed.remove(&robot);
+        self.own_names.remove(&robot);
         self.findings.retain(|finding| match finding {
             Finding::Size { .. } | Finding::Ranges { .. } | Finding::OwnName { .. } => finding.robots() != [robot],
             _ => true,

@@ -104,6 +104,13 @@ fn a_target_on_the_baseline_is_undetermined_and_a_third_robot_would_cure_it() {
     assert_eq!(solution.status, SolveStatus::Degenerate, "{}", solution.explanation);
     assert!(solution.undetermined[0].contains("position of t along 0°"), "{:?}", solution.undetermined);
     assert!(solution.cures.iter().any(|c| c == "a bearing of t by r3"), "{:?}", solution.cures);
+    // Only where it is along the line is open: how sure the robots are is known.
+    assert!(
+        solution.robots.iter().all(|r| r.covariance.is_some_and(|c| c[0][0] < 0.02 * 0.02)),
+        "{:?}",
+        solution.robots
+    );
+    assert_eq!(solution.targets[0].covariance, None);
 }
 
 #[test]
