@@ -156,12 +156,10 @@ impl PanoramaGeometry {
         if suited.projection == Projection::Cylinder || low >= high {
             return Ok(suited);
         }
-        // Beside the pole much of the picture's scale is along the meridians; around the robot it has no more than this.
-        let around = |k: u32| {
-            let (bearing, share) = (f64::from(k % 8) * PI / 4.0, f64::from(k / 8) / 16.0);
-            Some(camera.resolution(bearing, low + share * (high - low))?.bearing_px_per_rad)
-        };
-        let most = (0..8 * 17).filter_map(around).fold(0.0, f64::max);
+        // Much of the picture's scale may be along the meridians; around the robot, where people and robots are, it has no more than this.
+        let level = 0.0_f64.clamp(low, high);
+        let around = |k: u32| Some(camera.resolution(f64::from(k) * PI / 4.0, level)?.bearing_px_per_rad);
+        let most = (0..8).filter_map(around).fold(0.0, f64::max);
         let scale = (f64::from(suited.width) + 0.5) / TAU;
         Self::of_scale(if most > 0.0 { scale.min(most) } else { scale }, [low, high])
     }

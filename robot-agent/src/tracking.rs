@@ -149,6 +149,8 @@ const STANDS_S: f64 = 0.3;
 const LEAST_SHARE: f64 = 0.15;
 /// A track that has never come anywhere and does not move is none after so long, seconds.
 const STUCK_S: f64 = 2.0;
+/// A new track that is not seen twice is none, but of a fast camera not before so long, seconds.
+const TENTATIVE_GAP_S: f64 = 0.15;
 
 /// Who was seen in which object of the frame.
 struct Assignment {
@@ -606,7 +608,8 @@ impl Tracker {
                     && now.seconds_since(t.supported) <= most_s[1]
                     && (t.has_come() || now.seconds_since(t.moved.max(t.vouched)) <= STUCK_S)
             } else {
-                t.misses < 2 && now.seconds_since(t.born) <= STUCK_S
+                let missed = t.misses >= 2 && now.seconds_since(t.seen) >= TENTATIVE_GAP_S;
+                !missed && now.seconds_since(t.born) <= STUCK_S
             }
         });
     }

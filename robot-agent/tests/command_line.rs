@@ -345,6 +345,9 @@ fn check_finds_what_run_would_refuse_and_remarks_on_what_nobody_could_see() {
     assert!(!at("made").exists(), "nothing is left behind");
     let remarks = lines(&output)[0]["remarks"].to_string();
     assert!(remarks.contains("no `look`"), "{remarks}");
+    assert!(!remarks.contains("frame_rate_hz"), "{remarks}");
+    let slow = lines(&check(&AGENT.replace("frame_rate_hz = 10.0", "frame_rate_hz = 1.0")))[0]["remarks"].to_string();
+    assert!(slow.contains("capture.frame_rate_hz = 1: "), "{slow}");
     std::fs::write(at("file"), "").unwrap();
     assert_fails(&check(&with("state_dir = \"file/state\"")), 2, &["state_dir", "file"]);
     let narrow = format!("{AGENT}[work]\npanorama_columns = 64\n");

@@ -31,8 +31,10 @@ use crate::motion::{Raster, Region, Run, Scene};
 
 /// Log-likelihood by which a fully visible body is better than none, for the fit: cells are not independent.
 const FULL_EVIDENCE: f64 = 25.0;
-/// Widest search for a known body, cells each side.
+/// Widest search for a known body, cells each side; of finer panoramas more, as far in angle.
 const MOST_REACH: i64 = 12;
+/// Columns of the panorama for which what is in cells was chosen.
+const USUAL_COLUMNS: f64 = 1080.0;
 /// Levels each side that are tried for a known body.
 const LEVEL_REACH: f64 = 4.5;
 /// Levels and cells each side of a figure at which an average person is tried.
@@ -148,6 +150,8 @@ pub(super) struct Figures {
     silhouettes: Silhouettes,
     /// The highest place of the picture at each distance.
     highest_m: Vec<f64>,
+    /// See [`MOST_REACH`].
+    most_reach: i64,
     /// Rows of cells in which gaps are looked for, and from which distance on hips and trunks are there, not legs; `None`: nowhere.
     upper_rows: usize,
     least_gap_range_m: Option<f64>,
@@ -176,6 +180,7 @@ impl Figures {
         let len = rows * (columns + 2 * pad);
         let highest = view.angles_rad(0.0, 0.0)?.1;
         let upper_rows = (rows / UPPER_SHARE).max(1);
+        let fineness = raster.width as f64 / USUAL_COLUMNS;
         let upper_tan = view.angles_rad(0.0, 0.5 * (upper_rows * CELL[1]) as f64)?.1.tan();
         let highest_m = (0..LEVELS).map(|l| camera_m + silhouettes.average(l).range_m * highest.tan()).collect();
         let column_rad = view.steps_rad(0.0, raster.height as f64 / 2.0)[0];
@@ -185,6 +190,7 @@ impl Figures {
             raster: *raster,
             silhouettes,
             highest_m,
+            most_reach: ((MOST_REACH as f64 * fineness) as i64).max(MOST_REACH),
             upper_rows,
             least_gap_range_m: (upper_tan > 0.0).then(|| (HIPS_M - camera_m) / upper_tan),
             columns,
@@ -491,7 +497,7 @@ impl Figures {
     }
 
     fn best_place(&self, sought: &Sought<'_>, choices: &[Place], rest: &Rest, contested: bool) -> Place {
-        let reach = ((2.5 * sought.column_sigma / CELL[0] as f64).ceil() as i64 + 1).min(MOST_REACH);
+        let reach = ((2.5 * sought.column_sigma / CELL[0] as f64).ceil() as i64 + 1).min(self.most_reach);
         let full = choices.iter().map(|p| p.silhouette.full).fold(1.0, f32::max);
         let mut best = (f64::NEG_INFINITY, choices[0].clone());
         for place in choices {

@@ -84,7 +84,9 @@ impl Calibrator {
     /// Tries to place standing robots that have no place among the standing ones.
     pub(super) fn name_strangers(&mut self, at: Timestamp) {
         let strangers = self.robots.iter().any(|(r, robot)| robot.standing_since.is_some() && !self.block.contains(r));
-        if !strangers || self.last_naming.is_some_and(|t| at.seconds_since(t) < NAMING_INTERVAL_S) {
+        // What all robots saw at one instant is complete only with the last of them.
+        let just_tried = |t: Timestamp| t != at && at.seconds_since(t) < NAMING_INTERVAL_S;
+        if !strangers || self.last_naming.is_some_and(just_tried) {
             return;
         }
         self.last_naming = Some(at);

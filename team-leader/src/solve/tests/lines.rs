@@ -54,6 +54,14 @@ fn odometry_of_nobody_and_values_that_cannot_be_are_refused() {
 }
 
 #[test]
+fn robots_are_placed_by_lines_that_come_seldom() {
+    let lines: Vec<Value> = (0..6).map(|k| line(2.4 * f64::from(k))).collect();
+    let map = fed(&lines).1.unwrap();
+    assert_eq!(map.status, "converged", "{}", map.explanation);
+    assert!(map.robots.iter().all(|r| r.x_m.is_some()));
+}
+
+#[test]
 fn a_robot_that_comes_in_a_later_line_is_placed() {
     let full = line(0.0);
     let mut lines = Vec::new();
