@@ -143,17 +143,20 @@ impl PanoramaGeometry {
         Self::of_scale(scale, elevation_rad)
     }
 
-    /// The panorama that people and robots are looked for in: that of [`PanoramaGeometry::for_camera`], of a camera that sees the pole
-    /// the part from -60° to 45°, on a cylinder as well; of one that looks one way all round, though only a part of it is ever valid.
+    /// The panorama that people and robots are looked for in: that of [`PanoramaGeometry::for_camera`] with no more columns than the
+    /// picture has pixels along the horizon, of a camera that sees the pole the part from -60° to 45°, on a cylinder as well; of one that
+    /// looks one way all round, though only a part of it is ever valid.
     ///
     /// # Errors
     /// [`GeometryError::NotPanoramic`] for a camera that looks one way, up or down, whose picture's middle is no bearing.
     pub fn for_work(camera: &MountedCamera) -> Result<Self, GeometryError> {
         const WORK_RAD: [f64; 2] = [-PI / 3.0, PI / 4.0];
         let suited = if camera.camera().is_panoramic() { Self::for_camera(camera)? } else { Self::around(camera)? };
-        let [low, high] = suited.elevation_rad();
-        let [low, high] = [low.max(WORK_RAD[0]), high.min(WORK_RAD[1])];
-        if suited.projection == Projection::Cylinder || low >= high {
+        let [mut low, mut high] = suited.elevation_rad();
+        if suited.projection == Projection::Sphere {
+            (low, high) = (low.max(WORK_RAD[0]), high.min(WORK_RAD[1]));
+        }
+        if low >= high {
             return Ok(suited);
         }
         // Much of the picture's scale may be along the meridians; around the robot, where people and robots are, it has no more than this.
@@ -161,6 +164,9 @@ impl PanoramaGeometry {
         let around = |k: u32| Some(camera.resolution(f64::from(k) * PI / 4.0, level)?.bearing_px_per_rad);
         let most = (0..8).filter_map(around).fold(0.0, f64::max);
         let scale = (f64::from(suited.width) + 0.5) / TAU;
+        if suited.projection == Projection::Cylinder && (most == 0.0 || most >= scale) {
+            return Ok(suited);
+        }
         Self::of_scale(if most > 0.0 { scale.min(most) } else { scale }, [low, high])
     }
 
