@@ -340,6 +340,22 @@ mod tests {
     }
 
     #[test]
+    fn cameras_that_are_not_in_the_zoo_or_do_not_see_all_round_are_named() {
+        let error = |name: &str| {
+            let other =
+                format!("[[camera.others]]\nrobot = \"r2\"\ncamera = {{ kind = \"zoo\", specimen = \"{name}\" }}\n");
+            Scenario::parse(&format!("name = \"x\"\nduration_s = 1.0\n{other}"), "x.toml").map_err(|e| e.to_string())
+        };
+        assert!(error("hyperboloidal").is_ok());
+        let unknown = error("telescope").unwrap_err();
+        assert!(unknown.contains("`telescope`") && unknown.contains("fisheye-equidistant"), "{unknown}");
+        for (name, kind) in [("pinhole", "pinhole"), ("mosaic", "rotating")] {
+            let one_way = error(name).unwrap_err();
+            assert!(one_way.contains("camera.others[0].camera.specimen") && one_way.contains(kind), "{one_way}");
+        }
+    }
+
+    #[test]
     fn a_drive_of_a_robot_that_does_not_exist_is_refused() {
         let text = "name = \"x\"\nduration_s = 9.0\n[[robots.drives]]\nrobot = \"r7\"\nstart_s = 1.0\nend_s = 5.0\ndistance_m = 1.0\nturn_deg = 0.0\n";
         let text = Scenario::parse(text, "x.toml").unwrap_err().to_string();

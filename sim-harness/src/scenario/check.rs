@@ -231,7 +231,15 @@ fn others(s: &Scenario) -> Result<(), Fault> {
                 within(&format!("{key}.elevation_deg[1]"), high, -59.0, 60.0, "degrees")?;
                 within(&format!("{key}.elevation_deg[0]"), low, -60.0, high - 1.0, "degrees")?;
             }
-            EyeSpec::Zoo { .. } => {}
+            EyeSpec::Zoo { specimen } => {
+                let kind = match specimen.specimen().model {
+                    "pinhole" => "pinhole",
+                    "mosaic" => "rotating",
+                    _ => continue,
+                };
+                let right = format!("a camera that sees all round at once; for this one there is kind = \"{kind}\"");
+                return Err(Fault { key: format!("{key}.specimen"), value: String::from(specimen), right });
+            }
         }
     }
     Ok(())
