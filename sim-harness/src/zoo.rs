@@ -11,14 +11,13 @@ use std::sync::Arc;
 
 use robot_agent::optics::{CameraFile, MountedCamera};
 use robot_agent::panorama::{GazeWindow, Lut, PanoramaGeometry};
+use serde::{Deserialize, Serialize};
 
-use crate::render::Renderer;
 use crate::render::bench::OutwardRay;
-use crate::render::eyes::OutwardRay as OutwardRayM;
 use crate::render::rays::Rays;
+use crate::render::{Renderer, eyes};
 use crate::scenario::Scenario;
 use crate::world::World;
-use serde::{Deserialize, Serialize};
 
 pub use specimens::specimens;
 
@@ -61,7 +60,7 @@ impl Specimen {
 
     /// Origin (m, from the camera's) and unit direction of what a point of the picture sees; `camera` is the agent's: where that
     /// says that nothing is, the lens' stop is.
-    pub fn ray(&self, camera: &MountedCamera, u: f64, v: f64) -> Option<OutwardRayM> {
+    pub fn ray(&self, camera: &MountedCamera, u: f64, v: f64) -> Option<eyes::OutwardRay> {
         let nearest = nalgebra::Vector2::new(u.clamp(0.0, 1e9).round(), v.clamp(0.0, 1e9).round());
         camera.camera().unproject(&nearest)?;
         let ray = (self.trace)(u, v)?;
@@ -100,8 +99,8 @@ pub struct Animal(usize);
 
 impl Animal {
     /// The camera.
-    pub fn specimen(self) -> Specimen {
-        specimens().swap_remove(self.0)
+    pub fn specimen(self) -> &'static Specimen {
+        &specimens()[self.0]
     }
 }
 

@@ -2,6 +2,7 @@
 //! them.
 
 use std::f64::consts::{FRAC_PI_2, PI, TAU};
+use std::sync::LazyLock;
 
 use nalgebra::Vector3;
 
@@ -16,7 +17,12 @@ const CENTRE: [f64; 2] = [383.5, 287.5];
 const EVERYWHERE: [f64; 2] = [f64::NEG_INFINITY, f64::INFINITY];
 
 /// Every camera model, some of them twice.
-pub fn specimens() -> Vec<Specimen> {
+pub fn specimens() -> &'static [Specimen] {
+    static ALL: LazyLock<Vec<Specimen>> = LazyLock::new(all);
+    &ALL
+}
+
+fn all() -> Vec<Specimen> {
     vec![
         pal("pal", 1.5168, [-15.0, 20.0]),
         pal("pal-without-refraction", 1.0, [4.5, 32.0]),

@@ -190,6 +190,7 @@ impl Rover {
         for k in 3..6 {
             f[(k, k)] = 0.0;
         }
+        self.arrived = None;
         self.cov = f * self.cov * f.transpose();
         let added = rotation * covariance * rotation.transpose();
         let mut corner = self.cov.fixed_view_mut::<3, 3>(0, 0);
@@ -410,5 +411,9 @@ mod tests {
         assert!((across_m / (3.0 * lasting_rad) - 1.0).abs() < 0.01, "{across_m}");
         let before_m = rover.before_it_stood().own_covariance()[(1, 1)].sqrt();
         assert!((before_m / true_sigma_m - 1.0).abs() < 0.01, "{before_m}");
+        // It drives on by its wheels: what it knew on arrival is of another place.
+        rover.drive(at(20.5), Pose2::new(1.0, 0.0, 0.0), &(Matrix3::identity() * 1e-4), 0.5);
+        rover.predict(at(20.6), true);
+        assert!(rover.before_it_stood().pose().x_m > 3.9, "{:?}", rover.before_it_stood().pose());
     }
 }

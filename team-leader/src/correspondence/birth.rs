@@ -77,6 +77,15 @@ impl Candidate {
     pub fn concerns(&self, robot: usize) -> bool {
         self.tracks.iter().any(|(r, _)| *r == robot)
     }
+
+    /// Whether a track is in both: only one of them can be somebody.
+    fn shares(&self, other: &Self) -> bool {
+        self.tracks.iter().any(|track| other.tracks.contains(track))
+    }
+
+    fn has_tracks_of(&self, other: &Self) -> bool {
+        self.tracks.len() == other.tracks.len() && other.tracks.iter().all(|track| self.tracks.contains(track))
+    }
 }
 
 /// A candidate as one frame shows it.
@@ -230,7 +239,7 @@ impl Follower {
         hopeful.truncate(packing::MOST);
         let of = |x: usize| &self.candidates[hopeful[x]];
         let weights: Vec<f64> = hopeful.iter().map(|k| worth(*k)).collect();
-        let shares = |x: usize, y: usize| of(x).tracks.iter().any(|t| of(y).tracks.contains(t));
+        let shares = |x: usize, y: usize| of(x).shares(of(y));
         let exclude = packing::exclusions(hopeful.len(), shares);
         let (best, chosen) = packing::best(&weights, &|_| true, &exclude);
         let clear = chosen.into_iter().filter(|&k| !standing[hopeful[k]]).filter(|&k| {
@@ -245,12 +254,10 @@ impl Follower {
     /// Of candidates, best first, those on which it depends whether one that does not stand is chosen: they share tracks with it, or
     /// with others that do; of the same tracks the best. Many robots pair everybody many times.
     fn contested(&self, hopeful: &[usize], standing: &[bool]) -> Vec<usize> {
-        let tracks = |k: usize| &self.candidates[k].tracks;
+        let of = |k: usize| &self.candidates[k];
         let mut distinct: Vec<usize> = Vec::new();
         for &k in hopeful {
-            let same =
-                |j: &usize| tracks(*j).len() == tracks(k).len() && tracks(k).iter().all(|t| tracks(*j).contains(t));
-            if !distinct.iter().any(same) {
+            if !distinct.iter().any(|j| of(*j).has_tracks_of(of(k))) {
                 distinct.push(k);
             }
         }
@@ -258,7 +265,7 @@ impl Follower {
         let mut next: Vec<usize> = (0..distinct.len()).filter(|n| reached[*n]).collect();
         while let Some(n) = next.pop() {
             for m in 0..distinct.len() {
-                if !reached[m] && tracks(distinct[m]).iter().any(|t| tracks(distinct[n]).contains(t)) {
+                if !reached[m] && of(distinct[m]).shares(of(distinct[n])) {
                     reached[m] = true;
                     next.push(m);
                 }

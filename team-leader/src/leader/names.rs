@@ -131,7 +131,8 @@ impl Names {
                 self.waiting.push(Waiting { id: target.id, component, position: place(target), velocity, at });
             }
         }
-        self.keep_limits(own);
+        self.limit_waiting();
+        self.limit_names(own);
     }
 
     /// A target of ours ends, and may be found again in another component, at `position` in its frame.
@@ -145,7 +146,7 @@ impl Names {
     ) {
         if let Some(id) = self.of.remove(&own) {
             self.waiting.push(Waiting { id, component, position, velocity, at });
-            self.keep_limits(&[]);
+            self.limit_waiting();
         }
     }
 
@@ -156,10 +157,13 @@ impl Names {
         self.waiting.retain(|w| w.component != component);
     }
 
-    /// Of the numbers those go first that were given first, but for those of `present` targets.
-    fn keep_limits(&mut self, present: &[Own]) {
+    fn limit_waiting(&mut self) {
         let excess = self.waiting.len().saturating_sub(MAX_WAITING);
         self.waiting.drain(..excess);
+    }
+
+    /// Those go first that were given first, but for those of `present` targets.
+    fn limit_names(&mut self, present: &[Own]) {
         while self.of.len() > MAX_NAMES {
             let absent = self.of.iter().filter(|(own, _)| present.iter().all(|p| p.id != **own));
             let Some(oldest) = absent.min_by_key(|(_, number)| **number).map(|(own, _)| *own) else { return };
@@ -179,7 +183,7 @@ impl Names {
             }
         }
         let numbers: Vec<TargetId> = own.iter().map(|own| self.name(own.id, own.position, now)).collect();
-        self.keep_limits(own);
+        self.limit_names(own);
         self.places.note(own, &numbers, now);
         numbers
     }
