@@ -21,6 +21,7 @@ mod near;
 mod occluder;
 mod plate;
 mod rays;
+mod refusals;
 mod rings;
 mod search;
 mod verdict;
@@ -124,13 +125,6 @@ pub struct PeerFeature {
     pub elevation_floor_rad: f64,
 }
 
-/// What a call cost, for benches.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-pub struct Timings {
-    /// Places that were looked at closely.
-    pub candidates: usize,
-}
-
 /// Finds fellow robots of announced looks in pictures of one camera.
 #[derive(Debug)]
 pub struct PeerDetector {
@@ -144,7 +138,6 @@ pub struct PeerDetector {
     unsupported: Vec<PeerError>,
     known: Vec<Known>,
     frames: u64,
-    timings: Timings,
 }
 
 #[derive(Debug, Clone, Copy)]
@@ -200,7 +193,6 @@ impl PeerDetector {
             unsupported,
             known: Vec::new(),
             frames: 0,
-            timings: Timings::default(),
         }
     }
 
@@ -217,7 +209,7 @@ impl PeerDetector {
     /// The robots in one picture, in order of bearing. `raw` has the camera's size, `panorama` the grid's; a slice of another size
     /// gives none.
     pub fn detect(&mut self, raw: &[u8], panorama: &[u8]) -> Vec<Peer> {
-        self.find(raw, Some(panorama), &[])
+        self.find(raw, Some(panorama), None, &[])
     }
 
     /// Whether [`PeerDetector::follow`] will search the whole circle of the next frame, in any case.
@@ -233,17 +225,18 @@ impl PeerDetector {
     }
 
     /// Like [`PeerDetector::detect`] for a stream, with names by lamps: known peers are measured in each frame, the whole circle is searched
-    /// every fifth frame, and once when a known peer is lost.
+    /// every fifth frame, and once when a known peer is lost. Places where something was taken for no robot are left alone for some
+    /// seconds while they look the same.
     pub fn follow(&mut self, raw: &[u8], panorama: &[u8], capture: Timestamp) -> Vec<Peer> {
         let search = self.will_search();
         let frame = self.frames;
         self.frames += 1;
         self.known.retain(|k| frame - k.last_seen <= FORGET_AFTER);
         let known: Vec<(f64, f64)> = self.known.iter().map(|k| (k.bearing_rad, k.range_m)).collect();
-        let mut peers = self.find(raw, search.then_some(panorama), &known);
+        let mut peers = self.find(raw, search.then_some(panorama), Some(capture), &known);
         let expected = self.known.iter().filter(|k| frame - k.last_seen <= 1).count();
         if !search && peers.len() < expected {
-            peers = self.find(raw, Some(panorama), &known);
+            peers = self.find(raw, Some(panorama), Some(capture), &known);
         }
         for peer in &peers {
             let now = Known { bearing_rad: peer.bearing_rad, range_m: peer.range_m, last_seen: frame };
@@ -267,13 +260,19 @@ impl PeerDetector {
     }
 
     /// Places that the last call looked at closely.
-    pub fn timings(&self) -> Timings {
-        self.timings
+    pub fn looks(&self) -> usize {
+        let cylinders = self.finders.iter().map(CylinderFinder::looks);
+        cylinders.chain(self.plates.iter().map(PlateFinder::looks)).sum()
     }
 
-    fn find(&mut self, raw: &[u8], panorama: Option<&[u8]>, known: &[(f64, f64)]) -> Vec<Peer> {
+    fn find(
+        &mut self,
+        raw: &[u8],
+        panorama: Option<&[u8]>,
+        stream: Option<Timestamp>,
+        known: &[(f64, f64)],
+    ) -> Vec<Peer> {
         let [w, h] = self.camera.image_size_px();
-        self.timings = Timings::default();
         if raw.len() != w as usize * h as usize {
             return Vec::new();
         }
@@ -281,12 +280,12 @@ impl PeerDetector {
         let mut found = Vec::new();
         for finder in &mut self.finders {
             let panorama = panorama.filter(|p| p.len() == finder.panorama_len());
-            let finds = finder.find(&self.camera, &mut self.rays, raw, panorama, (known, &found), &mut self.timings);
+            let finds = finder.find(&self.camera, &mut self.rays, raw, panorama, stream, (known, &found));
             found.extend(finds);
         }
         for finder in &mut self.plates {
             let panorama = panorama.filter(|p| p.len() == finder.panorama_len());
-            found.extend(finder.find(&self.camera, &mut self.rays, raw, panorama, known));
+            found.extend(finder.find(&self.camera, &mut self.rays, raw, panorama, stream, known));
         }
         let mut peers = as_announced(without_doubles(found), self.announced_plates);
         peers.sort_by(|a, b| a.bearing_rad.total_cmp(&b.bearing_rad));

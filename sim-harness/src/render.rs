@@ -326,7 +326,7 @@ impl Renderer {
             canvas.stamp += 1;
             for part in 0..mover.parts() {
                 for pixel in self.rays.window(&self.still.stand, &mover.part_bound(part)) {
-                    let ray = self.still.stand.room_from_body(self.rays.ray(pixel, 0.0, 0.0));
+                    let ray = self.still.ray[pixel];
                     let Some(hit) = mover.hit_part(part, &ray, f32::INFINITY) else { continue };
                     if canvas.counted[pixel] != canvas.stamp {
                         canvas.counted[pixel] = canvas.stamp;

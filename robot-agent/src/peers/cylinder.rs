@@ -14,6 +14,7 @@ pub(super) mod credible;
 use nalgebra::{Matrix2, Matrix2x3, Matrix3};
 use protocol::marker::Marker;
 use protocol::message::observation::FeaturePart;
+use protocol::time::Timestamp;
 
 use super::bars::{self, Reading};
 use super::combine::{self, Evidence, Mount};
@@ -23,10 +24,11 @@ use super::look::CylinderLook;
 use super::near::{self, NearSearch, Reach, Rim};
 use super::occluder::Occluder;
 use super::rays::{PixelRays, Sample};
+use super::refusals::Refusals;
 use super::rings::{self, RingFit};
 use super::search::{Candidate, Grid, Search};
 use super::verdict::{Fit, Fits};
-use super::{Before, Find, Peer, PeerFeature, Timings};
+use super::{Before, Find, Peer, PeerFeature};
 use crate::optics::MountedCamera;
 
 /// What remains of an outline's error when noise has averaged out: shading, sampling, the lens. Pixels.
@@ -103,6 +105,8 @@ pub struct CylinderFinder {
     noise2: f64,
     /// What was fitted, where that is asked for.
     fits: Fits,
+    refusals: Refusals,
+    looks: usize,
 }
 
 /// Which part of a body a finder looks for.
@@ -140,7 +144,8 @@ impl CylinderFinder {
         let search = Search::new(grid, &look, camera.viewpoint_body_m().z, lowest);
         let reach = Reach::new(&look, camera.viewpoint_body_m().z, lowest);
         let near_search = NearSearch::new(grid, &look, camera.viewpoint_body_m().z, &reach);
-        Self { look, part, search, near_search, reach, samples: Vec::new(), noise2: 0.0, fits: Fits::default() }
+        let (samples, fits, refusals) = (Vec::new(), Fits::default(), Refusals::default());
+        Self { look, part, search, near_search, reach, samples, noise2: 0.0, fits, refusals, looks: 0 }
     }
 
     /// Bytes of the panorama that the search expects.
@@ -153,21 +158,26 @@ impl CylinderFinder {
         self.fits.take()
     }
 
+    /// Places that the last call looked at closely.
+    pub fn looks(&self) -> usize {
+        self.looks
+    }
+
     #[cfg(test)]
     pub fn search_only(&mut self, panorama: &[u8]) -> usize {
         self.search.run(panorama).len()
     }
 
     /// The robots in a picture that nobody has found before: those expected at `known` places (bearing, range) and, if a panorama is
-    /// given, all others.
+    /// given, all others. `stream` is when a picture of a stream was taken.
     pub fn find(
         &mut self,
         camera: &MountedCamera,
         rays: &mut PixelRays,
         raw: &[u8],
         panorama: Option<&[u8]>,
+        stream: Option<Timestamp>,
         (known, before): Before<'_>,
-        timings: &mut Timings,
     ) -> Vec<Find> {
         let mut candidates: Vec<Candidate> = known
             .iter()
@@ -181,19 +191,19 @@ impl CylinderFinder {
             })
             .collect();
         if let Some(panorama) = panorama {
+            self.refusals.begin_search(stream);
             candidates.extend(self.search.run(panorama));
             if self.part == Part::Whole {
                 candidates.extend(self.near_search.run(panorama));
             }
         }
         self.noise2 = rays.noise2();
-        timings.candidates += candidates.len();
+        self.looks = 0;
         let mut accepted: Vec<Find> = Vec::new();
         self.add_found(camera, rays, raw, &candidates, before, &mut accepted);
         if panorama.is_some() && self.part == Part::Whole {
             let occluders: Vec<Occluder> = before.iter().chain(&accepted).map(|find| occluder(camera, find)).collect();
             let behind = self.search.behind(&occluders);
-            timings.candidates += behind.len();
             self.add_found(camera, rays, raw, &behind, before, &mut accepted);
         }
         accepted
@@ -234,10 +244,19 @@ impl CylinderFinder {
         if all().any(|find| self.is_same(camera, find, candidate)) {
             return None;
         }
+        let place = candidate.place();
+        if !candidate.known && self.refusals.hold(&place) {
+            return None;
+        }
+        self.looks += 1;
         let nearer = all().filter(|find| find.peer.range_m < candidate.range_m);
         let occluders: Vec<Occluder> = nearer.map(|find| occluder(camera, find)).collect();
-        let found = self.look_closer(camera, rays, raw, candidate, &occluders)?;
-        let traits = self.traits(camera, &found);
+        let found = self.look_closer(camera, rays, raw, candidate, &occluders);
+        let seen = found.map(|found| (self.traits(camera, &found), found));
+        if seen.as_ref().is_none_or(|(traits, _)| traits.are_hopeless()) && !candidate.known {
+            self.refusals.note(place);
+        }
+        let (traits, found) = seen?;
         let is_taken = self.is_credible(&found, &traits);
         if !is_taken && !self.fits.are_kept() {
             return None;

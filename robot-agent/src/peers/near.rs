@@ -44,6 +44,9 @@ const OUTLINE_ROWS: [usize; 2] = [3, 6];
 const MOST_ROW: i32 = 20;
 const MOST_OUTLINE: i32 = 15;
 const MOST_CURVE: i32 = 30;
+/// The most that [`Curve::shows`] comes to.
+const MOST_SHOWN: f64 = (2 * OUTLINE_WEIGHT * MOST_OUTLINE + MOST_CURVE) as f64;
+const OUTLINE_WEIGHT: i32 = 6;
 /// Most candidates of a picture. In 700 rooms (seed 500000) eight near robots were not among the first 14 places of plain bodies and
 /// 24 of barred ones; six of them are among so many.
 const MAX_PLAIN: usize = 42;
@@ -88,7 +91,8 @@ impl Curve {
     pub(super) fn shows(&self, panorama: &[u8], width: usize, u: usize, least: i32, rim: Rim) -> Option<f32> {
         let contrast = contrast_across(panorama, width, &self.places, u, least, rim);
         let outline = |(beside, rows): &(i64, Vec<usize>)| contrast_beside(panorama, width, *beside, rows, u);
-        (contrast >= least).then(|| (6 * self.sides.iter().map(outline).sum::<i32>() + contrast.min(MOST_CURVE)) as f32)
+        (contrast >= least)
+            .then(|| (OUTLINE_WEIGHT * self.sides.iter().map(outline).sum::<i32>() + contrast.min(MOST_CURVE)) as f32)
     }
 }
 
@@ -197,13 +201,13 @@ impl NearSearch {
         };
         strongest(peaks, width, most, is_near)
             .into_iter()
-            .map(|(_, l, u)| {
+            .map(|(shows, l, u)| {
                 let bearing_rad = self.grid.bearing_rad(u as f64);
                 let range_m = self.levels[l].range_m;
                 Candidate {
                     bearing_rad,
                     range_m,
-                    support: 1.0,
+                    support: f64::from(shows) / MOST_SHOWN,
                     seen_rad: [bearing_rad; 2],
                     known: false,
                     rim: Some(rim),

@@ -20,10 +20,12 @@ use nalgebra::{Matrix2, Matrix3, SMatrix, SVector, Vector2, Vector3};
 use protocol::angle::{difference, wrap};
 use protocol::marker::Marker;
 use protocol::message::observation::FeaturePart;
+use protocol::time::Timestamp;
 
 use super::edges::{EdgeFit, Side};
 use super::look::{CylinderLook, PlateLook};
 use super::rays::{PixelRays, Sample};
+use super::refusals::{How, Refusals};
 use super::search::Grid;
 use super::verdict::{Basis, Fit, Fits, LEAST_LOG_ODDS, Traits};
 use super::{Find, Peer, PeerFeature};
@@ -83,6 +85,8 @@ pub struct PlateFinder {
     noise2: f64,
     /// What was fitted, where that is asked for.
     fits: Fits,
+    refusals: Refusals,
+    looks: usize,
 }
 
 /// How the height of a plate's stripes is known.
@@ -141,7 +145,8 @@ impl PlateFinder {
         let by_line = |line_m: f64| LineSearch::new(grid, &look, line_m, camera.viewpoint_body_m().z);
         let end_search = by_line(pillar.high_m());
         let edge_search = by_line(pillar.edges_m[pillar.edges_m.len() - 2]);
-        Self { look, pillar, search, end_search, edge_search, samples: Vec::new(), noise2: 0.0, fits: Fits::default() }
+        let (samples, fits, refusals) = (Vec::new(), Fits::default(), Refusals::default());
+        Self { look, pillar, search, end_search, edge_search, samples, noise2: 0.0, fits, refusals, looks: 0 }
     }
 
     /// Bytes of the panorama that the search expects.
@@ -154,48 +159,69 @@ impl PlateFinder {
         self.fits.take()
     }
 
-    /// The plates in a picture.
+    /// Places that the last call looked at closely.
+    pub fn looks(&self) -> usize {
+        self.looks
+    }
+
+    /// The plates in a picture; `stream` is when one of a stream was taken.
     pub fn find(
         &mut self,
         camera: &MountedCamera,
         rays: &mut PixelRays,
         raw: &[u8],
         panorama: Option<&[u8]>,
+        stream: Option<Timestamp>,
         known: &[(f64, f64)],
     ) -> Vec<Find> {
         self.noise2 = rays.noise2();
+        self.looks = 0;
         // Of a known peer the axis is known, which the plate is not far from.
-        let mut candidates: Vec<(PlateCandidate, &[f64])> = known
+        let mut candidates: Vec<(PlateCandidate, &[f64], Option<How>)> = known
             .iter()
             .map(|(bearing_rad, range_m)| {
-                (PlateCandidate { bearing_rad: *bearing_rad, distance_m: *range_m, turn_rad: 0.0 }, TURNS.as_slice())
+                let axis = PlateCandidate { bearing_rad: *bearing_rad, distance_m: *range_m, turn_rad: 0.0 };
+                (axis, TURNS.as_slice(), None)
             })
             .collect();
         if let Some(panorama) = panorama {
+            self.refusals.begin_search(stream);
             candidates.extend(self.search.run(panorama).into_iter().map(|c| match c.distance_m < TURN_UNKNOWN_M {
-                true => (c, OTHER_TURNS.as_slice()),
-                false => (PlateCandidate { turn_rad: 0.0, ..c }, TURNS.as_slice()),
+                true => (c, OTHER_TURNS.as_slice(), Some(How::Stripes)),
+                false => (PlateCandidate { turn_rad: 0.0, ..c }, TURNS.as_slice(), Some(How::Stripes)),
             }));
         }
         let edges = panorama.map_or(Vec::new(), |panorama| self.edge_search.run(panorama));
-        candidates.extend(edges.iter().map(|c| (*c, [0.0].as_slice())));
+        candidates.extend(edges.iter().map(|c| (*c, [0.0].as_slice(), Some(How::Edge))));
         let mut found: Vec<Find> = Vec::new();
-        for (candidate, turns) in candidates {
-            if !self.is_found(&found, &candidate) {
-                let fit = self.look_closer(camera, rays, raw, &candidate, turns);
-                self.take(&mut found, fit);
+        for (candidate, turns, how) in candidates {
+            let place = how.map(|how| candidate.place(how));
+            if self.is_found(&found, &candidate) || place.is_some_and(|place| self.refusals.hold(&place)) {
+                continue;
             }
+            self.looks += 1;
+            let fit = self.look_closer(camera, rays, raw, &candidate, turns);
+            if let Some(place) = place.filter(|_| fit.as_ref().is_none_or(|fit| fit.traits.are_hopeless())) {
+                self.refusals.note(place);
+            }
+            self.take(&mut found, fit);
         }
         // Above the edge between two stripes is the upper end, which may be measured where that edge cannot.
         let ends = panorama.map_or(Vec::new(), |panorama| self.end_search.run(panorama));
         for candidate in ends.into_iter().chain(edges) {
-            if !self.is_found(&found, &candidate) {
-                let [by_stripes, by_end] = self.look_at_end(camera, rays, raw, &candidate);
-                let is_found = by_stripes.as_ref().is_some_and(|fit| fit.is_taken);
-                self.take(&mut found, by_stripes);
-                if !is_found {
-                    self.take(&mut found, by_end);
-                }
+            let place = candidate.place(How::PlateEnd);
+            if self.is_found(&found, &candidate) || self.refusals.hold(&place) {
+                continue;
+            }
+            self.looks += 1;
+            let [by_stripes, by_end] = self.look_at_end(camera, rays, raw, &candidate);
+            if by_stripes.iter().chain(&by_end).all(|fit| fit.traits.are_hopeless()) {
+                self.refusals.note(place);
+            }
+            let is_found = by_stripes.as_ref().is_some_and(|fit| fit.is_taken);
+            self.take(&mut found, by_stripes);
+            if !is_found {
+                self.take(&mut found, by_end);
             }
         }
         found

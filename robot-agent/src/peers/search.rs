@@ -11,6 +11,7 @@ use super::kernel::{self, Band};
 use super::look::CylinderLook;
 use super::near::Rim;
 use super::occluder::Occluder;
+use super::refusals::{How, Place};
 use crate::panorama::{PanoramaGeometry, Projection};
 
 /// Nearest and farthest range, metres, and the step between ranges.
@@ -82,7 +83,7 @@ pub struct Candidate {
     pub bearing_rad: f64,
     /// To the axis along the floor, metres.
     pub range_m: f64,
-    /// Share of its strips that vote, 0 … 1.
+    /// Share of its strips that vote, or of the contrast of an upper end and its outlines in the most there may be, 0 … 1.
     pub support: f64,
     /// Bearings [right, left] between which strips vote, radians.
     pub seen_rad: [f64; 2],
@@ -90,6 +91,14 @@ pub struct Candidate {
     pub known: bool,
     /// Found by the marker's upper end alone, which looks so.
     pub rim: Option<Rim>,
+}
+
+impl Candidate {
+    /// For [`super::refusals`].
+    pub(super) fn place(&self) -> Place {
+        let Self { bearing_rad, range_m, support, .. } = *self;
+        Place { how: How::Cylinder(self.rim), bearing_rad, range_m, support }
+    }
 }
 
 #[derive(Debug)]

@@ -228,6 +228,25 @@ fn a_sighting_carries_the_features_right_first_with_elevations_once() {
 }
 
 #[test]
+fn a_stream_leaves_alone_what_was_no_robot_and_finds_a_robot_that_comes() {
+    let mut scene = Scene::room(11, 1.0).with_walls(4.5);
+    let mut stream = detector();
+    let mut look = |scene: &Scene, frame: u64| {
+        let raw = scene.picture(2.0, frame);
+        let peers =
+            stream.follow(&raw, &test_scene::panorama(&raw), Timestamp::from_secs_f64(100.0 + 0.1 * frame as f64));
+        (peers, stream.looks())
+    };
+    let (_, first) = look(&scene, 0);
+    let later: usize = (1..41).map(|frame| look(&scene, frame).1).sum();
+    // Nobody is known, so every frame is searched.
+    assert!(first >= 20 && later < 40 * first / 5, "{first} places at first, {later} in forty more frames");
+    scene.pillars.extend(test_scene::robot(1.8, -0.9));
+    let (peers, _) = look(&scene, 41);
+    assert_consistent(nearest(&peers, (-0.9f64).atan2(1.8)), (-0.9f64).atan2(1.8), 1.8f64.hypot(0.9));
+}
+
+#[test]
 fn following_a_stream_measures_as_single_pictures_do_and_predicts_nothing() {
     let scene = Scene::room(17, 0.5).with_walls(6.5);
     let scene = Scene { pillars: test_scene::robot(2.0, 1.0), ..scene };
@@ -321,7 +340,7 @@ fn measure() {
         let peers = detector.detect(&raw, &panorama);
         micros += start.elapsed().as_micros();
         let start = Instant::now();
-        detector.find(&raw, None, &truth);
+        detector.find(&raw, None, None, &truth);
         tracked += start.elapsed().as_micros();
         let start = Instant::now();
         detector.finders[0].search_only(&panorama);
@@ -370,7 +389,7 @@ fn measure() {
             }
         }
         if verbose {
-            println!("candidates {}", detector.timings().candidates);
+            println!("places looked at closely {}", detector.looks());
         }
     }
     println!(

@@ -17,6 +17,8 @@ use super::{Peer, cylinder, plate};
 
 /// Log-odds that a fit must have to be taken for a robot, whatever else is in the picture.
 pub(super) const LEAST_LOG_ODDS: f64 = 1.2;
+/// What is less likely than this will not be one in the next picture either, by other noise.
+const HOPELESS_LOG_ODDS: f64 = -2.0;
 /// Most fits that are kept for whoever asks for them.
 const MOST_FITS: usize = 4096;
 
@@ -74,6 +76,10 @@ impl Traits {
     /// What each trait says for a robot, nats.
     pub fn terms(&self) -> impl Iterator<Item = (&'static str, f64)> {
         self.basis.weights().iter().zip(&self.values).map(|((name, weight), value)| (*name, weight * value))
+    }
+
+    pub(super) fn are_hopeless(&self) -> bool {
+        self.log_odds() < HOPELESS_LOG_ODDS
     }
 
     pub(super) fn are_credible(&self) -> bool {

@@ -37,7 +37,7 @@ fn blend(world: &World, renderers: &mut [Renderer], person: usize, own: Clothes)
             let shaders = mover.shaders(&renderer.scene, &[]);
             renderer.draw(std::slice::from_ref(&mover));
             for pixel in renderer.canvas.touched.iter().step_by(STRIDE).map(|p| *p as usize) {
-                let ray = renderer.still.stand.room_from_body(renderer.rays.ray(pixel, 0.0, 0.0));
+                let ray = renderer.still.ray[pixel];
                 let part = usize::from(renderer.canvas.shown[pixel].1);
                 let Some(hit) = mover.hit_part(part, &ray, f32::INFINITY) else { continue };
                 let open = shaders.open(ray.at(hit.t), &renderer.scene);

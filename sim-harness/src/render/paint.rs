@@ -126,7 +126,7 @@ impl Renderer {
             if patch.len() == PATCH || patch.first().is_some_and(|p| p.0 != n) {
                 paint_patch(&mut patch, &shaders, movers, &self.scene, strength, &mut self.canvas.light);
             }
-            let ray = self.still.stand.room_from_body(self.rays.ray(pixel, 0.0, 0.0));
+            let ray = self.still.ray[pixel];
             if let Some(hit) = movers[usize::from(n)].hit_part(usize::from(part), &ray, f32::INFINITY) {
                 patch.push((n, pixel, ray, hit));
             }
@@ -150,7 +150,7 @@ impl Renderer {
     ) -> f32 {
         let bearing = self.rays.bearing[pixel];
         let stand = &self.still.stand;
-        let middle = stand.room_from_body(self.rays.ray(pixel, 0.0, 0.0));
+        let middle = self.still.ray[pixel];
         let is_mixed = self.still.mixed[pixel];
         // What the pixel can show of movers: parts that a ray through its middle meets once they are a pixel thicker.
         let mut near: Vec<(usize, usize)> = Vec::new();

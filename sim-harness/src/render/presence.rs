@@ -34,7 +34,7 @@ impl Renderer {
             for part in (0..body.parts()).filter(|part| body.is_marker(*part)) {
                 for pixel in self.rays.window(&self.still.stand, &body.bound(part)).filter(|p| self.rays.is_nominal[*p])
                 {
-                    let ray = self.still.stand.room_from_body(self.rays.ray(pixel, 0.0, 0.0));
+                    let ray = self.still.ray[pixel];
                     if body.hit(part, &ray, f32::INFINITY).is_none() {
                         continue;
                     }

@@ -185,7 +185,9 @@ fn fill(sectors: &mut [Vec<u16>], dx: f32, dy: f32, radius: f32, n: u16) {
 pub struct StillPicture {
     /// From where.
     pub stand: Stand,
-    /// To the first surface, at pixel centres.
+    /// Through the pixels' centres, in the room.
+    pub ray: Vec<Ray>,
+    /// To the first surface along them.
     pub depth: Vec<f32>,
     /// Of that surface.
     pub point: Vec<V3>,
@@ -207,6 +209,7 @@ impl StillPicture {
         let n = rays.width * rays.height;
         Self {
             stand,
+            ray: vec![Ray { origin: V3::default(), direction: V3::default() }; n],
             depth: vec![f32::INFINITY; n],
             point: vec![V3::default(); n],
             key: vec![u32::MAX; n],
@@ -226,6 +229,7 @@ impl StillPicture {
         for pixel in rays.lit.iter().map(|p| *p as usize) {
             let ray = still.stand.room_from_body(rays.ray(pixel, 0.0, 0.0));
             let hit = still.hit(&ray, rays.bearing[pixel]);
+            self.ray[pixel] = ray;
             self.depth[pixel] = hit.t;
             self.point[pixel] = ray.at(hit.t);
             self.key[pixel] = hit.key;

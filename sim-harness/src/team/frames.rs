@@ -17,6 +17,9 @@ const AHEAD: usize = 24;
 /// Every so many pictures one is encoded as JPEG, to know what video would cost.
 const JPEG_EVERY: usize = 10;
 
+/// Niceness of the threads that render.
+const NICE: i32 = 10;
+
 /// A picture, when it was taken, and what a JPEG of it would take.
 #[derive(Debug)]
 pub struct Taken {
@@ -57,6 +60,7 @@ impl Ahead {
     ) -> Self {
         let (sender, taken) = sync_channel(AHEAD);
         let thread = std::thread::spawn(move || {
+            give_way();
             let mut skipped = 0;
             for (number, capture) in captures.into_iter().enumerate() {
                 if skip(&capture) {
@@ -93,6 +97,14 @@ impl Drop for Ahead {
         if let Some(thread) = self.thread.take() {
             let _ = thread.join();
         }
+    }
+}
+
+/// This thread stands for a camera, which needs nothing of its robot's processor: agents and leader go first.
+fn give_way() {
+    // Of a thread on Linux; elsewhere it would be of the whole process.
+    if cfg!(target_os = "linux") {
+        let _ = rustix::process::setpriority_process(None, NICE);
     }
 }
 

@@ -9,6 +9,7 @@ use std::f64::consts::TAU;
 
 use super::super::kernel::{self, Band};
 use super::super::look::PlateLook;
+use super::super::refusals::{How, Place};
 use super::super::search::{Grid, Peak, bands, strongest};
 
 /// Nearest and farthest distance along a column, metres, and the step between distances.
@@ -45,6 +46,13 @@ pub struct PlateCandidate {
     pub distance_m: f64,
     /// Of its normal less the bearing of its middle, radians.
     pub turn_rad: f64,
+}
+
+impl PlateCandidate {
+    /// For [`super::super::refusals`].
+    pub fn place(&self, how: How) -> Place {
+        Place { how, bearing_rad: self.bearing_rad, range_m: self.distance_m, support: 1.0 }
+    }
 }
 
 #[derive(Debug)]
