@@ -17,6 +17,8 @@ mod median;
 mod middle;
 #[cfg(target_arch = "x86_64")]
 mod narrow;
+#[cfg(target_arch = "x86_64")]
+mod narrow_avx2;
 mod planes;
 mod products;
 mod runs;

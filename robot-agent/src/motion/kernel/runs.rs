@@ -3,9 +3,9 @@
 
 use std::ops::Range;
 
-#[cfg(target_arch = "x86_64")]
-use super::narrow;
 use super::{Level, available, bits_of, padded, wide};
+#[cfg(target_arch = "x86_64")]
+use super::{narrow, narrow_avx2};
 use crate::motion::regions::Run;
 
 /// Pixels that are worked together.
@@ -135,9 +135,14 @@ wide! {
 /// ring of `width` is the first. `sums` has at least [`BLOCK`] more than the region has columns.
 pub fn add_to_columns(runs: &[Run], width: usize, start: usize, values: &[u8], least: u8, most: u8, sums: &mut [u32]) {
     #[cfg(target_arch = "x86_64")]
-    if available() == Level::Avx512 && sums.len() <= 2 * BLOCK && let Some(sums) = sums.first_chunk_mut() {
-        // SAFETY: the processor has these instructions.
-        return unsafe { narrow::add_to_columns(runs, width, start, values, [least, most], sums) };
+    if available() >= Level::Avx2 && sums.len() <= 2 * BLOCK && let Some(sums) = sums.first_chunk_mut() {
+        let limits = [least, most];
+        return match available() {
+            // SAFETY: the processor has these instructions.
+            Level::Avx512 => unsafe { narrow::add_to_columns(runs, width, start, values, limits, sums) },
+            // SAFETY: as above.
+            _ => unsafe { narrow_avx2::add_to_columns(runs, width, start, values, limits, sums) },
+        };
     }
     for run in runs {
         for_columns(run, width, start, values, |column, values, inside| {
@@ -190,9 +195,12 @@ pub fn add_to_rows(
 #[inline(always)]
 fn sum_of_first(level: Level, values: &[u8; BLOCK], n: usize, most: u8) -> u32 {
     #[cfg(target_arch = "x86_64")]
-    if level == Level::Avx512 {
+    match level {
         // SAFETY: the processor has these instructions.
-        return unsafe { sum_of_first_avx512(values, n, most) };
+        Level::Avx512 => return unsafe { sum_of_first_avx512(values, n, most) },
+        // SAFETY: as above.
+        Level::Avx2 => return unsafe { narrow_avx2::sum_of_first(values, n, most) },
+        Level::Portable => {}
     }
     #[cfg(not(target_arch = "x86_64"))]
     let _ = level;
@@ -229,9 +237,14 @@ pub fn add_to_cells(
     sums: &mut [u32],
 ) {
     #[cfg(target_arch = "x86_64")]
-    if available() == Level::Avx512 && columns <= BLOCK {
-        // SAFETY: the processor has these instructions.
-        return unsafe { narrow::add_to_cells(runs, size, start, [columns, bands], pixels, counts, sums) };
+    if available() >= Level::Avx2 && columns <= BLOCK {
+        let cells = [columns, bands];
+        return match available() {
+            // SAFETY: the processor has these instructions.
+            Level::Avx512 => unsafe { narrow::add_to_cells(runs, size, start, cells, pixels, counts, sums) },
+            // SAFETY: as above.
+            _ => unsafe { narrow_avx2::add_to_cells(runs, size, start, cells, pixels, counts, sums) },
+        };
     }
     let [width, height] = size;
     for run in runs {
