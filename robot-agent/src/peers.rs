@@ -218,6 +218,12 @@ impl PeerDetector {
             || !self.known.iter().any(|k| self.frames - k.last_seen <= FORGET_AFTER)
     }
 
+    /// The camera has moved since the last picture: places that were no robot are others now.
+    pub fn moved(&mut self) {
+        self.finders.iter_mut().for_each(CylinderFinder::forget);
+        self.plates.iter_mut().for_each(PlateFinder::forget);
+    }
+
     /// Names fellows that [`PeerDetector::detect`] found in a stream by the lamps that they blink. The pictures come in the order of
     /// their capture times.
     pub fn read_beacons(&mut self, raw: &[u8], capture: Timestamp, peers: &mut [Peer]) {

@@ -263,6 +263,9 @@ impl Pipeline {
 
     fn find_peers(&mut self, frame: &Frame) {
         let Some(detector) = &mut self.peer_detector else { return };
+        if matches!(self.seen.motion, Motion::Turning | Motion::Moving | Motion::Lifted) {
+            detector.moved();
+        }
         let mut peers = detector.follow(&frame.gray, self.motion.drawn(), frame.capture);
         if let Some(readout) = &mut self.readout {
             let view = self.tracker.view();

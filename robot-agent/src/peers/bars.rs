@@ -23,6 +23,8 @@ use super::rings::{self, RingFit, median};
 const HEADING_STEP_RAD: f64 = 0.0436;
 /// Bars are read this far round the body: sine of the angle of incidence.
 const MOST_SINE: f64 = 0.95;
+/// A bar is whole whose outer border is seen at no larger sine of the angle of incidence.
+const WHOLE_SINE: f64 = 0.9;
 /// Most columns over a body.
 const MOST_COLUMNS: f64 = 96.0;
 /// Paint, blur and light are as the model says to this share of the amplitude.
@@ -86,6 +88,9 @@ pub struct BarSight {
     pub sigma_rad: f64,
     /// Pixels per radian there.
     pub px_per_rad: f64,
+    /// Both of its borders are in view. Of another one only the inner border is measured: its middle follows the body's bearing, as the
+    /// rings have it, and says nothing of that.
+    pub is_whole: bool,
 }
 
 /// +1 on the ground, −1 in bars, over bearings less the axis' bearing.
@@ -150,9 +155,12 @@ impl Geometry {
             let (right, left) = (psi - bar.half_width_rad, psi + bar.half_width_rad);
             // A wide bar may come round both limbs.
             for turn in [-TAU, 0.0, TAU] {
-                let (right, left) = ((right + turn).max(-limb), (left + turn).min(limb));
-                if left > right {
-                    borders.push([self.aside(right), self.aside(left)]);
+                let (right, left) = (right + turn, left + turn);
+                if left.min(limb) > right.max(-limb) {
+                    // What comes round the limb goes on as far as the outline is seen.
+                    let right = if right > -limb { self.aside(right) } else { f64::NEG_INFINITY };
+                    let left = if left < limb { self.aside(left) } else { f64::INFINITY };
+                    borders.push([right, left]);
                 }
             }
         }
@@ -509,7 +517,9 @@ fn each_bar(
         let fine = sigma_rad * px_per_rad < WORST_BAR_PX && moved.abs() < BAR_GATE * psi_sigma.hypot(sigma) + 0.01;
         if fine {
             let bearing_rad = protocol::angle::wrap(rings.bearing_rad + geometry.aside(psi + moved));
-            sights.push(BarSight { bar: *bar, bearing_rad, sigma_rad, px_per_rad });
+            let border = psi.abs() + pattern.bars[*bar].half_width_rad;
+            let is_whole = border < limb && (border + geometry.aside(border)).sin() < WHOLE_SINE;
+            sights.push(BarSight { bar: *bar, bearing_rad, sigma_rad, px_per_rad, is_whole });
         }
     }
     sights.sort_by(|a, b| {

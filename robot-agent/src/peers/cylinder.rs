@@ -89,6 +89,8 @@ const BARRED_EDGE_FLOOR_PX: f64 = 0.4;
 const BAR_FLOOR_PX: f64 = 0.12;
 /// Of a heading from bars that are too narrow to be measured one by one.
 const HEADING_FLOOR_RAD: f64 = 0.01;
+/// The middle by the bend of the rings is right to this when noise has averaged out, radians.
+const MIDDLE_FLOOR_RAD: f64 = 0.002;
 /// Most peers of one picture.
 const MAX_PEERS: usize = 16;
 
@@ -118,6 +120,15 @@ pub enum Part {
     Upper,
 }
 
+/// Why a candidate is none.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Missed {
+    /// It shows no rings, no upper end.
+    Nothing,
+    /// It shows rings that do not suffice; with other noise they might.
+    Hardly,
+}
+
 struct Found {
     rings: RingFit,
     reading: Option<Reading>,
@@ -133,7 +144,7 @@ impl Found {
 
     /// Whether bars are measured by themselves.
     fn has_bars(&self) -> bool {
-        self.reading.as_ref().is_some_and(|reading| !reading.bars.is_empty())
+        self.reading.as_ref().is_some_and(|reading| reading.bars.iter().any(|bar| bar.is_whole))
     }
 }
 
@@ -168,6 +179,11 @@ impl CylinderFinder {
         self.search.run(panorama).len()
     }
 
+    /// The camera has moved.
+    pub fn forget(&mut self) {
+        self.refusals.forget();
+    }
+
     /// The robots in a picture that nobody has found before: those expected at `known` places (bearing, range) and, if a panorama is
     /// given, all others. `stream` is when a picture of a stream was taken.
     pub fn find(
@@ -188,6 +204,7 @@ impl CylinderFinder {
                 seen_rad: [*bearing_rad; 2],
                 known: true,
                 rim: None,
+                is_behind: false,
             })
             .collect();
         if let Some(panorama) = panorama {
@@ -253,10 +270,14 @@ impl CylinderFinder {
         let occluders: Vec<Occluder> = nearer.map(|find| occluder(camera, find)).collect();
         let found = self.look_closer(camera, rays, raw, candidate, &occluders);
         let seen = found.map(|found| (self.traits(camera, &found), found));
-        if seen.as_ref().is_none_or(|(traits, _)| traits.are_hopeless()) && !candidate.known {
+        let is_hopeless = match &seen {
+            Ok((traits, _)) => traits.are_hopeless(),
+            Err(missed) => *missed == Missed::Nothing,
+        };
+        if is_hopeless && !candidate.known {
             self.refusals.note(place);
         }
-        let (traits, found) = seen?;
+        let (traits, found) = seen.ok()?;
         let is_taken = self.is_credible(&found, &traits);
         if !is_taken && !self.fits.are_kept() {
             return None;
@@ -277,13 +298,13 @@ impl CylinderFinder {
         raw: &[u8],
         candidate: &Candidate,
         occluders: &[Occluder],
-    ) -> Option<Found> {
+    ) -> Result<Found, Missed> {
         let found = self.look_from(camera, rays, raw, candidate, occluders)?;
         let outline = |range_m: f64| outline_rad(self.look.radius_m, range_m);
         let (bearing_rad, range_m) = (found.rings.bearing_rad, found.rings.near_m + self.look.radius_m);
         let aside = protocol::angle::difference(bearing_rad, candidate.bearing_rad).abs();
         if aside + outline(range_m) < BESIDE_SHARE * outline(candidate.range_m) + OFF_CENTRE_RAD {
-            return Some(found);
+            return Ok(found);
         }
         let rim = candidate.rim.filter(|_| found.rings.is_rim);
         let centred = Candidate { bearing_rad, range_m, known: true, rim, ..*candidate };
@@ -297,7 +318,7 @@ impl CylinderFinder {
         raw: &[u8],
         candidate: &Candidate,
         occluders: &[Occluder],
-    ) -> Option<Found> {
+    ) -> Result<Found, Missed> {
         let radius = self.look.radius_m;
         let half = outline_rad(radius, candidate.range_m);
         let height = camera.viewpoint_body_m().z;
@@ -317,7 +338,7 @@ impl CylinderFinder {
         let mut samples = std::mem::take(&mut self.samples);
         rays.patch(camera, raw, candidate.bearing_rad, half * BESIDE_SHARE + BESIDE_PATCH_RAD, elevation, &mut samples);
         samples.retain(|sample| !occluders.iter().any(|occluder| occluder.hides(&sample.ray)));
-        let mut found = None;
+        let mut found = Err(Missed::Nothing);
         if candidate.rim.is_none() {
             found = self.fit_best(&samples, camera, candidate, half, occluders);
         }
@@ -326,9 +347,11 @@ impl CylinderFinder {
             .rim
             .or(candidate.known.then_some(worn))
             .filter(|_| candidate.range_m < RANGE_SLACK * self.reach.two_edges_m);
-        if let (None, Some(rim)) = (&found, rim) {
+        if let (Err(missed), Some(rim)) = (&found, rim) {
+            let missed = *missed;
             found = near::fit(&samples, &self.look, height, (candidate.bearing_rad, candidate.range_m), rim)
-                .and_then(|rings| self.outlines(camera, &samples, rings, occluders));
+                .and_then(|rings| self.outlines(camera, &samples, rings, occluders))
+                .ok_or(missed);
         }
         self.samples = samples;
         found
@@ -341,7 +364,7 @@ impl CylinderFinder {
         candidate: &Candidate,
         half: f64,
         occluders: &[Occluder],
-    ) -> Option<Found> {
+    ) -> Result<Found, Missed> {
         let [right, left] = candidate.seen_rad;
         let seen = protocol::angle::difference(left, right);
         let mut starts = vec![candidate.bearing_rad];
@@ -366,12 +389,12 @@ impl CylinderFinder {
             let retried = self.best_fit(samples, retries, false);
             best = retried.or(best);
         }
-        let rings = best?;
+        let rings = best.ok_or(Missed::Nothing)?;
         if !self.fits(&rings, camera) {
-            return None;
+            return Err(Missed::Hardly);
         }
         let rings = self.with_upper_end(camera, samples, rings);
-        self.outlines(camera, samples, rings, occluders)
+        self.outlines(camera, samples, rings, occluders).ok_or(Missed::Hardly)
     }
 
     /// Whether a candidate is a body that was found already, or hidden by it.
@@ -391,7 +414,7 @@ impl CylinderFinder {
     }
 
     /// With one edge between rings in view they have their distance from their bend alone, which is worth a few per cent; the marker's
-    /// upper end, if it is in view, may have it better.
+    /// upper end, if it is in view, may have it better ([`fused`]).
     fn with_upper_end(&self, camera: &MountedCamera, samples: &[Sample], rings: RingFit) -> RingFit {
         let rim = if self.look.is_barred() { Rim::Barred } else { Rim::Plain };
         let start = (rings.bearing_rad, rings.near_m + self.look.radius_m);
@@ -401,9 +424,7 @@ impl CylinderFinder {
             .filter(|end| end.visible >= LEAST_UPPER_END && (end.near_m / rings.near_m - 1.0).abs() < SAME_NEAR)
             .filter(|end| end.covariance[1][1] < rings.covariance[1][1]);
         match end {
-            Some(RingFit { bearing_rad, near_m, lower_m, covariance, half_rad, .. }) => {
-                RingFit { bearing_rad, near_m, lower_m, covariance, half_rad, ..rings }
-            }
+            Some(end) => fused(rings, &end, self.look.radius_m),
             None => rings,
         }
     }
@@ -519,7 +540,7 @@ impl CylinderFinder {
         let evidence = Evidence {
             left: left.map(|(b, s, f)| [b, s.hypot(f)]),
             right: right.map(|(b, s, f)| [b, s.hypot(f)]),
-            middle: [rings.bearing_rad, rings.covariance[0][0].sqrt().hypot(0.002)],
+            middle: [rings.bearing_rad, rings.covariance[0][0].sqrt().hypot(MIDDLE_FLOOR_RAD)],
             elevation_rad,
             elevation_covariance: elevation_covariance + Matrix2::identity() * floor2,
             bars: self.bar_evidence(found.reading.as_ref()),
@@ -571,14 +592,14 @@ impl CylinderFinder {
         })
     }
 
-    /// Bars that were measured by themselves: azimuth, bearing, standard deviation.
+    /// Whole bars that were measured by themselves: azimuth, bearing, standard deviation.
     fn bar_evidence(&self, reading: Option<&Reading>) -> Vec<[f64; 3]> {
         let Some(reading) = reading else { return Vec::new() };
         let bars = &self.look.patterns[reading.pattern].bars;
         let sight = |s: &bars::BarSight| {
             [bars[s.bar].azimuth_rad, s.bearing_rad, s.sigma_rad.hypot(BAR_FLOOR_PX / s.px_per_rad)]
         };
-        reading.bars.iter().map(sight).collect()
+        reading.bars.iter().filter(|s| s.is_whole).map(sight).collect()
     }
 
     /// The same as raw features, with the bar's number where the heading is known.
@@ -595,7 +616,11 @@ impl CylinderFinder {
                 elevation_floor_rad: 0.0,
             }
         };
-        reading.map_or(Vec::new(), |reading| reading.bars.iter().map(|s| feature(s, reading.has_heading)).collect())
+        let whole = |reading: &Reading| {
+            let bars = reading.bars.iter().filter(|s| s.is_whole);
+            bars.map(|s| feature(s, reading.has_heading)).collect()
+        };
+        reading.map_or(Vec::new(), whole)
     }
 
     /// Elevations of the marker's ends on the near surface as from the viewpoint, their covariance, and the bias floor.
@@ -614,6 +639,30 @@ impl CylinderFinder {
         let middle = (0.5 * (elevation[0] + elevation[1])).max(camera.camera().elevation_rad()[0]);
         let scale = camera.resolution(rings.bearing_rad, middle).map_or(200.0, |r| r.elevation_px_per_rad);
         (elevation, jacobian * covariance * jacobian.transpose(), ELEVATION_FLOOR_PX / scale)
+    }
+}
+
+/// Rings with the distance of the upper end of their marker. What either says of the bearing is weighed, and as uncertain as they differ.
+fn fused(rings: RingFit, end: &RingFit, radius_m: f64) -> RingFit {
+    let [by_rings, by_end] = [rings.covariance[0][0], end.covariance[0][0]];
+    let sum = by_rings + by_end;
+    let apart = protocol::angle::difference(end.bearing_rad, rings.bearing_rad);
+    let doubt = (apart * apart / (sum + MIDDLE_FLOOR_RAD * MIDDLE_FLOOR_RAD)).max(1.0);
+    let bearing_var = by_rings * by_end / sum * doubt;
+    // Of the end, distance and bearing go together.
+    let per_rad = end.covariance[0][1] / by_end;
+    let near_m = end.near_m - per_rad * by_end / sum * apart;
+    let mut covariance = end.covariance;
+    covariance[1][1] += per_rad * per_rad * (bearing_var - by_end);
+    covariance[0][0] = bearing_var;
+    (covariance[0][1], covariance[1][0]) = (per_rad * bearing_var, per_rad * bearing_var);
+    RingFit {
+        bearing_rad: protocol::angle::wrap(rings.bearing_rad + by_rings / sum * apart),
+        near_m,
+        lower_m: end.lower_m,
+        covariance,
+        half_rad: outline_rad(radius_m, near_m + radius_m),
+        ..rings
     }
 }
 

@@ -211,6 +211,7 @@ impl NearSearch {
                     seen_rad: [bearing_rad; 2],
                     known: false,
                     rim: Some(rim),
+                    is_behind: false,
                 }
             })
             .collect()

@@ -164,6 +164,11 @@ impl PlateFinder {
         self.looks
     }
 
+    /// The camera has moved.
+    pub fn forget(&mut self) {
+        self.refusals.forget();
+    }
+
     /// The plates in a picture; `stream` is when one of a stream was taken.
     pub fn find(
         &mut self,
@@ -180,7 +185,8 @@ impl PlateFinder {
         let mut candidates: Vec<(PlateCandidate, &[f64], Option<How>)> = known
             .iter()
             .map(|(bearing_rad, range_m)| {
-                let axis = PlateCandidate { bearing_rad: *bearing_rad, distance_m: *range_m, turn_rad: 0.0 };
+                let axis =
+                    PlateCandidate { bearing_rad: *bearing_rad, distance_m: *range_m, turn_rad: 0.0, support: 1.0 };
                 (axis, TURNS.as_slice(), None)
             })
             .collect();
@@ -438,9 +444,6 @@ impl PlateFinder {
         traits: Traits,
     ) -> Option<Fit> {
         let is_taken = traits.are_credible();
-        if traits.log_odds() < POSSIBLE_LOG_ODDS && !self.fits.are_kept() {
-            return None;
-        }
         Some(Fit { peer: self.peer(camera, fit, posed, plane_covariance, c_floor)?, traits, is_taken })
     }
 

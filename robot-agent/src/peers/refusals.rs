@@ -2,8 +2,8 @@
 //!
 //! Problem: most of a search's time goes into fits to shelves and chairs that were refused half a second before, and will be again.
 //! Insight: they stand still, and what stands there looks the same but for noise. Algorithm: a place where something was
-//! fitted without any hope is left alone for some searches, unless more speaks for it than then; their turns come apart, so
-//! that no search has them all.
+//! fitted without any hope is left alone for some searches, unless more or less speaks for it than then; their turns come
+//! apart, so that no search has them all. A picture by itself is searched whole, and so is every picture of a robot that moves.
 
 use protocol::angle::difference;
 use protocol::time::Timestamp;
@@ -19,8 +19,10 @@ const TURNS: u32 = 5;
 const SAME_BEARING_RAD: f64 = 0.012;
 const SAME_ASIDE_M: f64 = 0.04;
 const SAME_RANGE: f64 = 1.065;
-/// The picture there has changed where so much more of the strips supports a robot.
-const MORE_SUPPORT: f64 = 0.1;
+/// A plate's search tells its turn to this, radians.
+const SAME_TURN_RAD: f64 = 0.15;
+/// The picture there has changed where this much more or less supports a robot.
+const SAME_SUPPORT: f64 = 0.1;
 /// Most places remembered.
 const MAX_PLACES: usize = 512;
 
@@ -33,6 +35,8 @@ pub(super) struct Place {
     pub bearing_rad: f64,
     /// Along the floor, metres.
     pub range_m: f64,
+    /// Of a plate.
+    pub turn_rad: f64,
     /// What spoke for a robot, 0 … 1.
     pub support: f64,
 }
@@ -42,6 +46,8 @@ pub(super) struct Place {
 pub(super) enum How {
     /// Rings, or the upper end of a cylinder's marker.
     Cylinder(Option<Rim>),
+    /// The same with what bodies before it hide left out.
+    Behind,
     /// Stripes of a plate.
     Stripes,
     /// The edge between the two upper stripes of a plate.
@@ -71,16 +77,24 @@ impl Refusals {
 
     /// Whether a place is left alone in this search.
     pub fn hold(&self, place: &Place) -> bool {
-        self.places.iter().any(|(refused, ..)| {
-            refused.how == place.how
+        let is_earlier = |since: Timestamp| self.now != Some(since);
+        self.places.iter().any(|(refused, since, _)| {
+            is_earlier(*since)
+                && refused.how == place.how
                 && difference(refused.bearing_rad, place.bearing_rad).abs()
                     < SAME_BEARING_RAD.max(SAME_ASIDE_M / place.range_m)
                 && (1.0 / SAME_RANGE..SAME_RANGE).contains(&(place.range_m / refused.range_m))
-                && place.support < refused.support + MORE_SUPPORT
+                && (place.turn_rad - refused.turn_rad).abs() < SAME_TURN_RAD
+                && (place.support - refused.support).abs() < SAME_SUPPORT
         })
     }
 
-    /// There is no robot at a place, by any noise.
+    /// The camera has moved: everything is elsewhere.
+    pub fn forget(&mut self) {
+        self.places.clear();
+    }
+
+    /// A place showed nothing like a robot.
     pub fn note(&mut self, place: Place) {
         if let Some(now) = self.now.filter(|_| self.places.len() < MAX_PLACES) {
             self.turn = (self.turn + 1) % TURNS;
@@ -99,21 +113,24 @@ mod tests {
     }
 
     fn shelf() -> Place {
-        Place { how: How::Stripes, bearing_rad: 3.14, range_m: 2.0, support: 0.5 }
+        Place { how: How::Stripes, bearing_rad: 3.14, range_m: 2.0, turn_rad: 0.3, support: 0.5 }
     }
 
     #[test]
-    fn a_refused_place_rests_and_gets_another_look_when_it_has_changed_or_rested() {
+    fn a_refused_place_rests_from_the_next_search_on_and_gets_another_look_when_it_has_changed_or_rested() {
         let mut refusals = Refusals::default();
         refusals.begin_search(at(0.0));
         refusals.note(shelf());
+        assert!(!refusals.hold(&shelf()), "other starts of one search");
         refusals.begin_search(at(0.5));
         assert!(refusals.hold(&shelf()) && refusals.hold(&Place { bearing_rad: -3.14, range_m: 2.06, ..shelf() }));
         for other in [
             Place { how: How::Edge, ..shelf() },
             Place { bearing_rad: 3.11, ..shelf() },
             Place { range_m: 2.2, ..shelf() },
+            Place { turn_rad: 0.6, ..shelf() },
             Place { support: 0.65, ..shelf() },
+            Place { support: 0.35, ..shelf() },
         ] {
             assert!(!refusals.hold(&other), "{other:?}");
         }

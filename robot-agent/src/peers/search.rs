@@ -91,13 +91,16 @@ pub struct Candidate {
     pub known: bool,
     /// Found by the marker's upper end alone, which looks so.
     pub rim: Option<Rim>,
+    /// Bodies before it hide a part of it.
+    pub is_behind: bool,
 }
 
 impl Candidate {
     /// For [`super::refusals`].
     pub(super) fn place(&self) -> Place {
         let Self { bearing_rad, range_m, support, .. } = *self;
-        Place { how: How::Cylinder(self.rim), bearing_rad, range_m, support }
+        let how = if self.is_behind { How::Behind } else { How::Cylinder(self.rim) };
+        Place { how, bearing_rad, range_m, turn_rad: 0.0, support }
     }
 }
 
@@ -193,7 +196,7 @@ impl Search {
                 *support = if (LEAST_UNHIDDEN..1.0 - LEAST_HIDDEN).contains(share) { *support / share } else { 0.0 };
             }
         }
-        self.pick(MAX_BEHIND)
+        self.pick(MAX_BEHIND).into_iter().map(|candidate| Candidate { is_behind: true, ..candidate }).collect()
     }
 
     fn pick(&self, most: usize) -> Vec<Candidate> {
@@ -247,6 +250,7 @@ impl Search {
             seen_rad: [bearing((u as i64 + last) as f64), bearing((u as i64 + first) as f64)],
             known: false,
             rim: None,
+            is_behind: false,
         }
     }
 }

@@ -104,7 +104,8 @@ impl Drop for Ahead {
 fn give_way() {
     // Of a thread on Linux; elsewhere it would be of the whole process.
     if cfg!(target_os = "linux") {
-        let _ = rustix::process::setpriority_process(None, NICE);
+        let now = rustix::process::getpriority_process(None).unwrap_or(0);
+        let _ = rustix::process::setpriority_process(None, now.max(NICE));
     }
 }
 

@@ -36,8 +36,7 @@ fn halves(block: &[u8; BLOCK]) -> [__m256i; 2] {
     [load_bytes(&halves[0]), load_bytes(&halves[1])]
 }
 
-/// A run's pixels, each at the place of its column counted from column `start` of a ring of `width`, and 255 at those places. Zeros of a
-/// run that is not within 64 columns, or not in the picture.
+/// 255 at the places of a run's pixels, counted from column `start` of a ring of `width`, and those pixels there. Zeros of a run that is not within 64 columns, or not in the picture.
 #[target_feature(enable = "avx2")]
 #[inline]
 fn pixels_of(run: &Run, width: usize, start: usize, values: &[u8]) -> ([__m256i; 2], [__m256i; 2]) {

@@ -38,6 +38,8 @@ const HALVINGS: usize = 3;
 const MOST_MOVES: usize = 8;
 /// Contrast of one place beyond this says no more, grey levels.
 const MOST_PLACE: f64 = 25.0;
+/// The most that a plate shows: twice the line, and two sides.
+const MOST_SHOWN: f64 = 4.0 * MOST_PLACE;
 /// A side that is out of view is worth this share of the other one.
 const UNSEEN_SIDE: f64 = 0.6;
 /// The upper stripe's grey levels are taken at these shares of its height; paint varies by about so much, grey levels. In 141
@@ -117,7 +119,7 @@ impl LineSearch {
             .map(|(_, l, u)| {
                 let level = &self.levels[l];
                 let (shows, at) = self.placed(panorama, [u as f64, level.distance_m.ln(), level.turn_rad]);
-                (shows / (EVEN + self.unevenness(panorama, at)), self.candidate(at))
+                (shows / (EVEN + self.unevenness(panorama, at)), self.candidate(at, shows / MOST_SHOWN))
             })
             .collect();
         placed.sort_by(|a, b| b.0.total_cmp(&a.0));
@@ -148,8 +150,8 @@ impl LineSearch {
         strongest(peaks, width, MAX_COARSE, is_near)
     }
 
-    fn candidate(&self, [u, ln_distance, turn_rad]: Place) -> PlateCandidate {
-        PlateCandidate { bearing_rad: self.grid.bearing_rad(u), distance_m: ln_distance.exp(), turn_rad }
+    fn candidate(&self, [u, ln_distance, turn_rad]: Place, support: f64) -> PlateCandidate {
+        PlateCandidate { bearing_rad: self.grid.bearing_rad(u), distance_m: ln_distance.exp(), turn_rad, support }
     }
 
     /// Column and distance of what is at a share of the half width.

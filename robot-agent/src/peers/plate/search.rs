@@ -46,12 +46,15 @@ pub struct PlateCandidate {
     pub distance_m: f64,
     /// Of its normal less the bearing of its middle, radians.
     pub turn_rad: f64,
+    /// What speaks for it, 0 … 1.
+    pub support: f64,
 }
 
 impl PlateCandidate {
     /// For [`super::super::refusals`].
     pub fn place(&self, how: How) -> Place {
-        Place { how, bearing_rad: self.bearing_rad, range_m: self.distance_m, support: 1.0 }
+        let Self { bearing_rad, distance_m: range_m, turn_rad, support } = *self;
+        Place { how, bearing_rad, range_m, turn_rad, support }
     }
 }
 
@@ -179,6 +182,7 @@ impl PlateSearch {
             bearing_rad: self.grid.bearing_rad(u as f64),
             distance_m: self.levels[l].distance_m,
             turn_rad: TURNS[usize::from(self.support[l * width + u].1)],
+            support: f64::from(self.support[l * width + u].0),
         };
         let (one, more): (Vec<Peak>, Vec<Peak>) =
             peaks.into_iter().partition(|(_, l, _)| self.levels[*l].bands.len() <= ONE_EDGE);
