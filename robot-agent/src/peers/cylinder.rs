@@ -84,7 +84,7 @@ const BESIDE_RAD: f64 = 0.01;
 const LONE_EDGE_PX: f64 = 0.2;
 /// What is added on a body with bars: light and the bars next to the outline are hard to tell apart there. From 40 rooms: 0.25 px
 /// RMS at 1–2 m, up to 0.5 px below 1 m; with 0.3 px 2.9 % of 2,150 outlines in 700 rooms were beyond 3 σ. Pixels.
-const BARRED_EDGE_FLOOR_PX: f64 = 0.4;
+const BARRED_EDGE_FLOOR_PX: f64 = 0.25;
 /// The same of a bar, whose two borders the light treats differently. Pixels.
 const BAR_FLOOR_PX: f64 = 0.12;
 /// Of a heading from bars that are too narrow to be measured one by one.
@@ -690,4 +690,46 @@ fn occluder(camera: &MountedCamera, find: &Find) -> Occluder {
 /// Whether two peers cannot both be there.
 fn overlap(a: &Peer, b: &Peer, look: &CylinderLook) -> bool {
     a.apart_m(b) < 1.5 * look.radius_m
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn seen(bearing_rad: f64, sigma_rad: f64, by_distance: f64) -> RingFit {
+        let (var, both) = (sigma_rad * sigma_rad, by_distance * sigma_rad * sigma_rad);
+        let distance = by_distance * both + 1e-4;
+        RingFit {
+            bearing_rad,
+            near_m: 1.0,
+            lower_m: 0.0,
+            blur_px: 0.85,
+            reflectance: Vec::new(),
+            covariance: [[var, both, 0.0], [both, distance, 0.0], [0.0, 0.0, 1e-6]],
+            noise: 2.0,
+            columns: Vec::new(),
+            half_rad: 0.17,
+            visible: 1.0,
+            correlation: 0.99,
+            gain: 80.0,
+            bend: [0.0, 0.1],
+            edges_seen: 1,
+            is_rim: false,
+        }
+    }
+
+    #[test]
+    fn rings_and_upper_end_that_agree_are_surer_and_those_that_differ_cover_both() {
+        let fuse = |apart_rad: f64| fused(seen(0.0, 0.004, 0.0), &seen(apart_rad, 0.003, 2.0), 0.2);
+        let agreed = fuse(0.001);
+        assert!(agreed.covariance[0][0].sqrt() < 0.003 && (0.0..0.001).contains(&agreed.bearing_rad));
+        let torn = fuse(0.03);
+        for truth_rad in [0.0, 0.03] {
+            assert!((torn.bearing_rad - truth_rad).abs() < 2.0 * torn.covariance[0][0].sqrt(), "{torn:?}");
+        }
+        // The end's distance goes with its bearing, and as unsure.
+        let moved_m = torn.near_m - 1.0;
+        assert!((moved_m - 2.0 * (torn.bearing_rad - 0.03)).abs() < 1e-12);
+        assert!(moved_m.abs() < 3.0 * torn.covariance[1][1].sqrt());
+    }
 }

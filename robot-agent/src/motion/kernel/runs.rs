@@ -372,4 +372,22 @@ mod tests {
             }
         }
     }
+
+    #[test]
+    fn sums_of_more_rows_than_sixteen_bits_hold_are_whole() {
+        const ROWS: usize = 600;
+        let runs: Vec<Run> = (0..ROWS as u32).map(|row| Run { row, start: 20, len: 40 }).collect();
+        let white = vec![u8::MAX; WIDTH * ROWS];
+        for kind in [Level::Portable, Level::Avx2, Level::Avx512] {
+            at_most(kind, || {
+                let mut columns = vec![0; 40 + BLOCK];
+                add_to_columns(&runs, WIDTH, 20, &white, 0, u8::MAX, &mut columns);
+                assert!(columns[..40].iter().all(|sum| *sum == 255 * ROWS as u32), "{kind:?}");
+                let (mut counts, mut sums) = (vec![0; 40 + BLOCK], vec![0; 40 + BLOCK]);
+                add_to_cells(&runs, [WIDTH, ROWS], 20, 40, 1, &white, &mut counts, &mut sums);
+                assert!(counts[..40].iter().all(|count| usize::from(*count) == ROWS), "{kind:?}");
+                assert!(sums[..40].iter().all(|sum| *sum == 255 * ROWS as u32), "{kind:?}");
+            });
+        }
+    }
 }
