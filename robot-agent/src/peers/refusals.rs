@@ -113,7 +113,7 @@ mod tests {
     }
 
     fn shelf() -> Place {
-        Place { how: How::Stripes, bearing_rad: 3.14, range_m: 2.0, turn_rad: 0.3, support: 0.5 }
+        Place { how: How::Stripes, bearing_rad: 3.135, range_m: 2.0, turn_rad: 0.3, support: 0.5 }
     }
 
     #[test]
@@ -123,7 +123,7 @@ mod tests {
         refusals.note(shelf());
         assert!(!refusals.hold(&shelf()), "other starts of one search");
         refusals.begin_search(at(0.5));
-        assert!(refusals.hold(&shelf()) && refusals.hold(&Place { bearing_rad: -3.14, range_m: 2.06, ..shelf() }));
+        assert!(refusals.hold(&shelf()) && refusals.hold(&Place { bearing_rad: -3.135, range_m: 2.06, ..shelf() }));
         for other in [
             Place { how: How::Edge, ..shelf() },
             Place { bearing_rad: 3.11, ..shelf() },
