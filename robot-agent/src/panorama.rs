@@ -162,12 +162,12 @@ impl PanoramaGeometry {
         // Much of the picture's scale may be along the meridians; around the robot, where people and robots are, it has no more than this.
         let level = 0.0_f64.clamp(low, high);
         let around = |k: u32| Some(camera.resolution(f64::from(k) * PI / 4.0, level)?.bearing_px_per_rad);
-        let most = (0..8).filter_map(around).fold(0.0, f64::max);
+        let most = (0..8).filter_map(around).reduce(f64::max).filter(|most| *most > 0.0);
         let scale = (f64::from(suited.width) + 0.5) / TAU;
-        if suited.projection == Projection::Cylinder && (most == 0.0 || most >= scale) {
+        if suited.projection == Projection::Cylinder && most.is_none_or(|most| most >= scale) {
             return Ok(suited);
         }
-        Self::of_scale(if most > 0.0 { scale.min(most) } else { scale }, [low, high])
+        Self::of_scale(most.map_or(scale, |most| scale.min(most)), [low, high])
     }
 
     /// The panorama of a camera that looks one way: all round. The rule is that of [`PanoramaGeometry::for_camera`], with the scale in

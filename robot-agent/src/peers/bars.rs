@@ -93,6 +93,13 @@ pub struct BarSight {
     pub is_whole: bool,
 }
 
+impl Reading {
+    /// Those bars that say where the body is.
+    pub fn whole_bars(&self) -> impl Iterator<Item = &BarSight> {
+        self.bars.iter().filter(|bar| bar.is_whole)
+    }
+}
+
 /// +1 on the ground, −1 in bars, over bearings less the axis' bearing.
 #[derive(Debug, Clone, Default)]
 pub struct Signal {
@@ -458,12 +465,12 @@ fn each_bar(
 ) -> (Vec<BarSight>, f64) {
     const STEP: f64 = 2e-3;
     let limb = geometry.limb();
-    let whole = |n: &usize| {
+    let is_within_limb = |n: &usize| {
         let bar = &pattern.bars[*n];
         let psi = geometry.psi(bar.azimuth_rad, heading);
         psi.abs() + bar.half_width_rad < limb.min(1.3)
     };
-    let bars: Vec<usize> = (0..pattern.bars.len()).filter(whole).collect();
+    let bars: Vec<usize> = (0..pattern.bars.len()).filter(is_within_limb).collect();
     let here = signals(columns, &geometry.signal(pattern, heading, None));
     let (a, _) = light(columns.iter(), &here, level);
     let by = |signal: Signal| -> Vec<f64> {
@@ -518,7 +525,7 @@ fn each_bar(
         if fine {
             let bearing_rad = protocol::angle::wrap(rings.bearing_rad + geometry.aside(psi + moved));
             let border = psi.abs() + pattern.bars[*bar].half_width_rad;
-            let is_whole = border < limb && (border + geometry.aside(border)).sin() < WHOLE_SINE;
+            let is_whole = (border + geometry.aside(border)).sin() < WHOLE_SINE;
             sights.push(BarSight { bar: *bar, bearing_rad, sigma_rad, px_per_rad, is_whole });
         }
     }

@@ -82,8 +82,8 @@ const OFF: [f64; 2] = [2.5, 4.0];
 const BESIDE_RAD: f64 = 0.01;
 /// A lone outline has nothing to contradict it: it may be half somebody else's. Pixels, beside noise and floor.
 const LONE_EDGE_PX: f64 = 0.2;
-/// What is added on a body with bars: light and the bars next to the outline are hard to tell apart there. From 40 rooms: 0.25 px
-/// RMS at 1–2 m, up to 0.5 px below 1 m; with 0.3 px 2.9 % of 2,150 outlines in 700 rooms were beyond 3 σ. Pixels.
+/// What is added on a body with bars: light and the bars next to the outline are hard to tell apart there. With this e²/σ² of equal bars is
+/// 0.3 to 0.6 below 2 m and 1.0 beyond in 40 rooms (seed 9000); with 0.4 px it was 0.2 to 0.4 and 0.8. Pixels.
 const BARRED_EDGE_FLOOR_PX: f64 = 0.25;
 /// The same of a bar, whose two borders the light treats differently. Pixels.
 const BAR_FLOOR_PX: f64 = 0.12;
@@ -144,7 +144,7 @@ impl Found {
 
     /// Whether bars are measured by themselves.
     fn has_bars(&self) -> bool {
-        self.reading.as_ref().is_some_and(|reading| reading.bars.iter().any(|bar| bar.is_whole))
+        self.reading.as_ref().is_some_and(|reading| reading.whole_bars().next().is_some())
     }
 }
 
@@ -599,7 +599,7 @@ impl CylinderFinder {
         let sight = |s: &bars::BarSight| {
             [bars[s.bar].azimuth_rad, s.bearing_rad, s.sigma_rad.hypot(BAR_FLOOR_PX / s.px_per_rad)]
         };
-        reading.bars.iter().filter(|s| s.is_whole).map(sight).collect()
+        reading.whole_bars().map(sight).collect()
     }
 
     /// The same as raw features, with the bar's number where the heading is known.
@@ -616,11 +616,7 @@ impl CylinderFinder {
                 elevation_floor_rad: 0.0,
             }
         };
-        let whole = |reading: &Reading| {
-            let bars = reading.bars.iter().filter(|s| s.is_whole);
-            bars.map(|s| feature(s, reading.has_heading)).collect()
-        };
-        reading.map_or(Vec::new(), whole)
+        reading.map_or(Vec::new(), |reading| reading.whole_bars().map(|s| feature(s, reading.has_heading)).collect())
     }
 
     /// Elevations of the marker's ends on the near surface as from the viewpoint, their covariance, and the bias floor.

@@ -44,9 +44,9 @@ const OUTLINE_ROWS: [usize; 2] = [3, 6];
 const MOST_ROW: i32 = 20;
 const MOST_OUTLINE: i32 = 15;
 const MOST_CURVE: i32 = 30;
-/// The most that [`Curve::shows`] comes to.
-const MOST_SHOWN: f64 = (2 * OUTLINE_WEIGHT * MOST_OUTLINE + MOST_CURVE) as f64;
+/// An outline counts so many times as much as the curve; the most that both outlines and the curve come to ([`Curve::shows`]).
 const OUTLINE_WEIGHT: i32 = 6;
+const MOST_SHOWN: f64 = (2 * OUTLINE_WEIGHT * MOST_OUTLINE + MOST_CURVE) as f64;
 /// Most candidates of a picture. In 700 rooms (seed 500000) eight near robots were not among the first 14 places of plain bodies and
 /// 24 of barred ones; six of them are among so many.
 const MAX_PLAIN: usize = 42;

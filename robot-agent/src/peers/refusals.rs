@@ -77,9 +77,9 @@ impl Refusals {
 
     /// Whether a place is left alone in this search.
     pub fn hold(&self, place: &Place) -> bool {
-        let is_earlier = |since: Timestamp| self.now != Some(since);
+        // What was refused in this search was refused from another start.
         self.places.iter().any(|(refused, since, _)| {
-            is_earlier(*since)
+            Some(*since) != self.now
                 && refused.how == place.how
                 && difference(refused.bearing_rad, place.bearing_rad).abs()
                     < SAME_BEARING_RAD.max(SAME_ASIDE_M / place.range_m)

@@ -2,12 +2,37 @@
 
 use std::arch::x86_64::*;
 
+use super::avx512::load_block;
 use super::runs::{BLOCK, lowest};
 use crate::motion::regions::Run;
 
 /// Values that may be added up in 16 bits, and ones in 8.
-const BYTES: usize = 257;
+pub(super) const BYTES: usize = 257;
 const ONES: usize = 255;
+
+/// A region's runs by the band of `height` / `bands` rows that they lie in, in pieces of no more than may be counted in 8 bits.
+#[inline(always)]
+pub(super) fn by_bands(runs: &[Run], height: usize, bands: usize) -> impl Iterator<Item = (usize, &[Run])> {
+    let mut left = runs;
+    std::iter::from_fn(move || {
+        let band = left.first()?.row as usize * bands / height;
+        let end = ((band + 1) * height).div_ceil(bands) as u32;
+        let here = left.iter().position(|run| run.row >= end).unwrap_or(left.len()).min(ONES);
+        let (these, later) = left.split_at(here);
+        left = later;
+        Some((band, these))
+    })
+}
+
+/// Counts and sums of the cells from `first` on.
+#[inline(always)]
+pub(super) fn cells_from<'a>(
+    counts: &'a mut [u16],
+    sums: &'a mut [u32],
+    first: usize,
+) -> Option<(&'a mut [u16; BLOCK], &'a mut [u32; BLOCK])> {
+    Some((counts.get_mut(first..)?.first_chunk_mut()?, sums.get_mut(first..)?.first_chunk_mut()?))
+}
 
 /// A run's pixels, each at the place of its column counted from column `start` of a ring of `width`, and which places those are. None
 /// of a run that is not within 64 columns, or not in the picture.
@@ -80,24 +105,14 @@ pub(super) fn add_to_cells(
     counts: &mut [u16],
     sums: &mut [u32],
 ) {
-    let mut left = runs;
-    while let Some(run) = left.first() {
-        // The rows of its band.
-        let band = run.row as usize * bands / height;
-        let end = ((band + 1) * height).div_ceil(bands) as u32;
-        let mut here = left.iter().position(|run| run.row >= end).unwrap_or(left.len());
-        here = here.min(ONES);
-        let (these, later) = left.split_at(here);
-        left = later;
+    for (band, these) in by_bands(runs, height, bands) {
         let (mut ones, mut cells) = (_mm512_setzero_si512(), [_mm512_setzero_si512(); 2]);
         for run in these {
             let (inside, pixels) = pixels_of(run, width, start, pixels);
             ones = _mm512_mask_add_epi8(ones, inside, ones, _mm512_set1_epi8(1));
             add_bytes(&mut cells, pixels);
         }
-        let counts = counts.get_mut(band * columns..).and_then(|counts| counts.first_chunk_mut::<BLOCK>());
-        let sums = sums.get_mut(band * columns..).and_then(|sums| sums.first_chunk_mut::<BLOCK>());
-        let (Some(counts), Some(sums)) = (counts, sums) else { return };
+        let Some((counts, sums)) = cells_from(counts, sums, band * columns) else { return };
         let mut all = [0u8; BLOCK];
         // SAFETY: 64 bytes are written of 64; the pointer need not be aligned.
         unsafe { _mm512_storeu_si512(all.as_mut_ptr().cast(), ones) };
@@ -106,4 +121,12 @@ pub(super) fn add_to_cells(
         }
         spill(cells, sums);
     }
+}
+
+/// The sum of the first `n` values, at most `most` each; sums of eight neighbours are one instruction.
+#[target_feature(enable = "avx512f,avx512bw")]
+#[inline]
+pub(super) fn sum_of_first(values: &[u8; BLOCK], n: usize, most: u8) -> u32 {
+    let values = _mm512_maskz_min_epu8(lowest(n), load_block(values), _mm512_set1_epi8(most as i8));
+    _mm512_reduce_add_epi64(_mm512_sad_epu8(values, _mm512_setzero_si512())) as u32
 }

@@ -2,13 +2,11 @@
 
 use std::arch::x86_64::*;
 
-use super::avx2::{in_order, load_bytes};
+use super::avx2::{in_order, load_bytes, store_bytes, store_levels};
+use super::narrow::{BYTES, by_bands, cells_from};
 use super::runs::BLOCK;
 use crate::motion::regions::Run;
 
-/// Values that may be added up in 16 bits, and ones in 8.
-const BYTES: usize = 257;
-const ONES: usize = 255;
 /// Of 64 bytes from place 64 − n on the first n are zero; of those from place 128 − n on, all but these.
 const STAIRS: [u8; 3 * BLOCK] = {
     let mut stairs = [0; 3 * BLOCK];
@@ -36,7 +34,8 @@ fn halves(block: &[u8; BLOCK]) -> [__m256i; 2] {
     [load_bytes(&halves[0]), load_bytes(&halves[1])]
 }
 
-/// 255 at the places of a run's pixels, counted from column `start` of a ring of `width`, and those pixels there. Zeros of a run that is not within 64 columns, or not in the picture.
+/// 255 at the places of a run's pixels, counted from column `start` of a ring of `width`, and those pixels there. Zeros of a run that is
+/// not within 64 columns, or not in the picture.
 #[target_feature(enable = "avx2")]
 #[inline]
 fn pixels_of(run: &Run, width: usize, start: usize, values: &[u8]) -> ([__m256i; 2], [__m256i; 2]) {
@@ -74,7 +73,7 @@ fn add_bytes(sums: &mut [__m256i; 4], bytes: [__m256i; 2]) {
 fn spill(parts: [__m256i; 4], sums: &mut [u32; BLOCK]) {
     for (sums, part) in sums.as_chunks_mut::<16>().0.iter_mut().zip(parts) {
         let mut all = [0u16; 16];
-        super::avx2::store_levels(&mut all, part);
+        store_levels(&mut all, part);
         for (sum, part) in sums.iter_mut().zip(all) {
             *sum = sum.wrapping_add(u32::from(part));
         }
@@ -115,15 +114,7 @@ pub(super) fn add_to_cells(
     counts: &mut [u16],
     sums: &mut [u32],
 ) {
-    let mut left = runs;
-    while let Some(run) = left.first() {
-        // The rows of its band.
-        let band = run.row as usize * bands / height;
-        let end = ((band + 1) * height).div_ceil(bands) as u32;
-        let mut here = left.iter().position(|run| run.row >= end).unwrap_or(left.len());
-        here = here.min(ONES);
-        let (these, later) = left.split_at(here);
-        left = later;
+    for (band, these) in by_bands(runs, height, bands) {
         let (mut ones, mut cells) = ([_mm256_setzero_si256(); 2], [_mm256_setzero_si256(); 4]);
         for run in these {
             let (inside, pixels) = pixels_of(run, width, start, pixels);
@@ -131,12 +122,10 @@ pub(super) fn add_to_cells(
             ones = [_mm256_sub_epi8(ones[0], inside[0]), _mm256_sub_epi8(ones[1], inside[1])];
             add_bytes(&mut cells, pixels);
         }
-        let counts = counts.get_mut(band * columns..).and_then(|counts| counts.first_chunk_mut::<BLOCK>());
-        let sums = sums.get_mut(band * columns..).and_then(|sums| sums.first_chunk_mut::<BLOCK>());
-        let (Some(counts), Some(sums)) = (counts, sums) else { return };
+        let Some((counts, sums)) = cells_from(counts, sums, band * columns) else { return };
         for (counts, ones) in counts.as_chunks_mut::<32>().0.iter_mut().zip(ones) {
             let mut all = [0; 32];
-            super::avx2::store_bytes(&mut all, ones);
+            store_bytes(&mut all, ones);
             for (count, ones) in counts.iter_mut().zip(all) {
                 *count = count.wrapping_add(u16::from(ones));
             }
@@ -145,7 +134,7 @@ pub(super) fn add_to_cells(
     }
 }
 
-/// The sum of the first `n` values, at most `most` each.
+/// See [`super::narrow::sum_of_first`].
 #[target_feature(enable = "avx2")]
 #[inline]
 pub(super) fn sum_of_first(values: &[u8; BLOCK], n: usize, most: u8) -> u32 {

@@ -135,14 +135,15 @@ wide! {
 /// ring of `width` is the first. `sums` has at least [`BLOCK`] more than the region has columns.
 pub fn add_to_columns(runs: &[Run], width: usize, start: usize, values: &[u8], least: u8, most: u8, sums: &mut [u32]) {
     #[cfg(target_arch = "x86_64")]
-    if available() >= Level::Avx2 && sums.len() <= 2 * BLOCK && let Some(sums) = sums.first_chunk_mut() {
+    if sums.len() <= 2 * BLOCK && let Some(sums) = sums.first_chunk_mut() {
         let limits = [least, most];
-        return match available() {
+        match available() {
             // SAFETY: the processor has these instructions.
-            Level::Avx512 => unsafe { narrow::add_to_columns(runs, width, start, values, limits, sums) },
+            Level::Avx512 => return unsafe { narrow::add_to_columns(runs, width, start, values, limits, sums) },
             // SAFETY: as above.
-            _ => unsafe { narrow_avx2::add_to_columns(runs, width, start, values, limits, sums) },
-        };
+            Level::Avx2 => return unsafe { narrow_avx2::add_to_columns(runs, width, start, values, limits, sums) },
+            Level::Portable => {}
+        }
     }
     for run in runs {
         for_columns(run, width, start, values, |column, values, inside| {
@@ -197,7 +198,7 @@ fn sum_of_first(level: Level, values: &[u8; BLOCK], n: usize, most: u8) -> u32 {
     #[cfg(target_arch = "x86_64")]
     match level {
         // SAFETY: the processor has these instructions.
-        Level::Avx512 => return unsafe { sum_of_first_avx512(values, n, most) },
+        Level::Avx512 => return unsafe { narrow::sum_of_first(values, n, most) },
         // SAFETY: as above.
         Level::Avx2 => return unsafe { narrow_avx2::sum_of_first(values, n, most) },
         Level::Portable => {}
@@ -209,16 +210,6 @@ fn sum_of_first(level: Level, values: &[u8; BLOCK], n: usize, most: u8) -> u32 {
         sum = sum.wrapping_add(u32::from(if i < n { (*value).min(most) } else { 0 }));
     }
     sum
-}
-
-/// The same; sums of eight neighbours are one instruction.
-#[cfg(target_arch = "x86_64")]
-#[target_feature(enable = "avx512f,avx512bw")]
-#[inline]
-fn sum_of_first_avx512(values: &[u8; BLOCK], n: usize, most: u8) -> u32 {
-    use std::arch::x86_64::*;
-    let values = _mm512_maskz_min_epu8(lowest(n), super::avx512::load_block(values), _mm512_set1_epi8(most as i8));
-    _mm512_reduce_add_epi64(_mm512_sad_epu8(values, _mm512_setzero_si512())) as u32
 }
 
 wide! {
@@ -237,14 +228,15 @@ pub fn add_to_cells(
     sums: &mut [u32],
 ) {
     #[cfg(target_arch = "x86_64")]
-    if available() >= Level::Avx2 && columns <= BLOCK {
+    if columns <= BLOCK {
         let cells = [columns, bands];
-        return match available() {
+        match available() {
             // SAFETY: the processor has these instructions.
-            Level::Avx512 => unsafe { narrow::add_to_cells(runs, size, start, cells, pixels, counts, sums) },
+            Level::Avx512 => return unsafe { narrow::add_to_cells(runs, size, start, cells, pixels, counts, sums) },
             // SAFETY: as above.
-            _ => unsafe { narrow_avx2::add_to_cells(runs, size, start, cells, pixels, counts, sums) },
-        };
+            Level::Avx2 => return unsafe { narrow_avx2::add_to_cells(runs, size, start, cells, pixels, counts, sums) },
+            Level::Portable => {}
+        }
     }
     let [width, height] = size;
     for run in runs {
