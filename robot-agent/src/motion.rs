@@ -464,6 +464,7 @@ impl MotionStage {
         if self.state == BackgroundState::Building {
             alarm = self.build(capture);
         } else {
+            self.background.revise(&self.picture, capture, (self.gain - 1.0).abs() < SAME_LIGHT);
             let differing = self.mark();
             self.ready_frames = self.ready_frames.saturating_add(1);
             if scene_changed(self.valid_count, differing) {
@@ -702,7 +703,7 @@ impl MotionStage {
         self.noise_sigma
     }
 
-    /// Bytes held for pictures and background; the same in every frame once the background is ready.
+    /// Bytes held for pictures and background; the same in every frame but the first seconds' (see `background`).
     pub fn memory_bytes(&self) -> usize {
         let bytes = [&self.valid, &self.picture, &self.before, &self.previous, &self.next, &self.first];
         let pictures: usize =
@@ -894,6 +895,8 @@ const FAILURE_S: f64 = 3.0;
 const TIE: f64 = 0.05;
 /// Most turns in which the pixels learn.
 const MAX_TURNS: usize = 8;
+/// A gain so near to 1 leaves grey levels comparable.
+const SAME_LIGHT: f64 = 0.05;
 /// Frames from one look at the noise of all pixels to the next.
 const NOISE_FRAMES: usize = 8;
 /// The light of a picture of which most rests is looked at so often, seconds.

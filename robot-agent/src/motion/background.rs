@@ -8,9 +8,13 @@
 //!
 //! One second is not enough to lose somebody who walks towards the robot, so in the live mode each pixel has a *second look*
 //! beside its background: what else is seen there, and for how many frames each of the two was. The look seen longer is
-//! the background; one that was the background before is still known and is no object when it is seen again. So the
-//! bootstrap refines itself in as many seconds as it took, a background that was seen for half a minute is not moved by
-//! somebody who stops, and where the tracker follows somebody time counts for a third.
+//! the background; one that was the background before is still known and is no object when it is seen again. So a background
+//! that was seen for half a minute is not moved by somebody who stops, and where the tracker follows somebody time counts
+//! for a third.
+//!
+//! In a crowd that stood before the robot when it stopped a pixel shows many looks, and no second one for long. So in its
+//! first seconds a background is *thought over*: some frames are kept, and what a pixel showed in most of them is its
+//! background.
 //!
 //! The noise estimate is a running mean of |C − B| outside objects, so thresholds follow the camera, its gain, flickering
 //! lamps and vibrating edges, pixel by pixel.
@@ -67,8 +71,10 @@ pub struct Background {
     known: Vec<u64>,
     /// Whether any second look may be known.
     any_known: bool,
-    /// Frames collected for the median; empty once it is there.
+    /// Frames collected for the median; of a young background in the live mode, those it is thought over by; then empty.
     stack: Vec<Vec<u8>>,
+    /// How often it was thought over.
+    revisions: usize,
     arrived: usize,
     first_capture: Timestamp,
     last_taken: Timestamp,
@@ -95,6 +101,7 @@ impl Background {
             known: vec![0; words],
             any_known: false,
             stack: Vec::new(),
+            revisions: 0,
             arrived: 0,
             first_capture: Timestamp(0),
             last_taken: Timestamp(0),
@@ -132,6 +139,7 @@ impl Background {
     /// Forget everything; the next frame is the first.
     pub fn restart(&mut self) {
         self.stack.clear();
+        self.revisions = 0;
         self.arrived = 0;
         self.ready = false;
     }
@@ -174,6 +182,14 @@ impl Background {
         for (b, &m) in self.level.iter_mut().zip(&median) {
             *b = u16::from(m) << 8;
         }
+        let live = match self.mode {
+            BackgroundMode::Live { bootstrap_s } => Some(bootstrap_s / (LIVE_FRAMES - 1) as f64),
+            _ => None,
+        };
+        let kept = live.map_or_else(Vec::new, |spacing_s| {
+            let step = (self.revised_spacing_s() / spacing_s).round().max(1.0) as usize;
+            self.stack.iter().step_by(step).cloned().collect()
+        });
         // Deviations, taking the place of the frames.
         for frame in &mut self.stack {
             for (c, &m) in frame.iter_mut().zip(&median) {
@@ -188,12 +204,57 @@ impl Background {
             let blended = (0.5 * (pooled + own)).clamp(pooled, 3.0 * pooled);
             *noise = ((blended * 256.0) as u16).min(self.most_noise);
         }
-        self.stack.clear();
+        self.stack = kept;
         self.seen.fill(BOOTSTRAP_SEEN);
         self.seen_second.fill(0);
         self.known.fill(0);
         self.any_known = false;
         self.ready = true;
+    }
+
+    /// Thinks a young background over, now and then, half of its rows at a time: another look than the background's that a pixel has
+    /// shown in more frames since the first takes its place. `same_light`: whether levels of then and now may be compared.
+    pub(super) fn revise(&mut self, picture: &[u8], capture: Timestamp, same_light: bool) {
+        if !self.ready || self.stack.is_empty() {
+            return;
+        }
+        let age_s = capture.seconds_since(self.first_capture);
+        let spacing_s = self.revised_spacing_s();
+        if !same_light || !(0.0..REVISED_FOR_S).contains(&age_s) || self.stack.len() >= kernel::MOST_FRAMES {
+            self.stack = Vec::new();
+            return;
+        }
+        if capture.seconds_since(self.last_taken) < 0.8 * spacing_s {
+            return;
+        }
+        self.stack.push(picture.to_vec());
+        self.last_taken = capture;
+        let half = (self.level.len() / self.width).div_ceil(2) * self.width;
+        let pixels = if self.revisions.is_multiple_of(2) { 0..half } else { half..self.level.len() };
+        self.revisions += 1;
+        let frames: Vec<&[u8]> = self.stack.iter().map(|frame| &frame[pixels.clone()]).collect();
+        let mut found = Vec::new();
+        kernel::more_often_seen(&frames, &self.level[pixels.clone()], &self.noise[pixels.clone()], &mut found);
+        for (i, look, frames) in found {
+            self.replace(pixels.start + i, look);
+            let pairs = (f64::from(frames) * spacing_s / PAIR_S).round() as u8;
+            self.seen[pixels.start + i] = pairs.max(BOOTSTRAP_SEEN);
+        }
+    }
+
+    /// Seconds from one frame that is kept for second thoughts to the next: fewer of large pictures.
+    fn revised_spacing_s(&self) -> f64 {
+        let most = (REVISED_BYTES / self.level.len().max(1)).clamp(LEAST_REVISED, kernel::MOST_FRAMES);
+        REVISED_FOR_S / most as f64
+    }
+
+    /// Another look is the background of pixel `i`; what was is forgotten.
+    fn replace(&mut self, i: usize, level: u16) {
+        self.level[i] = level;
+        if let Some(seen_second) = self.seen_second.get_mut(i) {
+            *seen_second = 0;
+            self.known[i / self.width * self.stride + i % self.width / WORD] &= !(1 << (i % self.width % WORD));
+        }
     }
 
     /// Fetches some pixels of a row into the cache, as far as it is one.
@@ -295,25 +356,33 @@ impl Background {
     /// Take the gray level of pixel `i`: what stood there has left. What was the background for long stays known: what was taken
     /// for its ghost was a shadow then, and goes again.
     pub(super) fn absorb(&mut self, i: usize, gray: u8) {
-        if let Some(seen) = self.seen.get_mut(i) {
-            let (column, word) = (i % self.width, i / self.width * self.stride + i % self.width / WORD);
-            let known = 1 << (column % WORD);
-            if *seen >= LONG_SEEN {
-                (self.second[i], self.seen_second[i]) = (self.level[i], LONG_SEEN);
-                self.known[word] |= known;
-                self.any_known = true;
-            } else {
-                self.seen_second[i] = 0;
-                self.known[word] &= !known;
-            }
-            *seen = (*seen).max(GHOST_SEEN);
+        let level = u16::from(gray) << 8;
+        let Some(seen) = self.seen.get_mut(i) else {
+            self.level[i] = level;
+            return;
+        };
+        let long = *seen >= LONG_SEEN;
+        *seen = (*seen).max(GHOST_SEEN);
+        if long {
+            (self.second[i], self.seen_second[i]) = (self.level[i], LONG_SEEN);
+            self.known[i / self.width * self.stride + i % self.width / WORD] |= 1 << (i % self.width % WORD);
+            self.any_known = true;
+            self.level[i] = level;
+        } else {
+            self.replace(i, level);
         }
-        self.level[i] = u16::from(gray) << 8;
     }
 }
 
+/// For how long a background is thought over, seconds from its first frame; bytes of the frames that are kept for that, and how
+/// many frames at least.
+const REVISED_FOR_S: f64 = 6.0;
+const REVISED_BYTES: usize = 32 << 20;
+const LEAST_REVISED: usize = 8;
 /// Marks of a word among known pixels that are noise.
 const FEW_KNOWN: u32 = 6;
+/// A pair of frames as counts mean it, seconds.
+const PAIR_S: f64 = 0.2;
 /// What a bootstrap counts for, in pairs of frames as all counts here: something else that stays for a second replaces it.
 const BOOTSTRAP_SEEN: u8 = 3;
 /// What a background counts for that was found by removing a ghost.
@@ -446,6 +515,52 @@ mod tests {
             assert_eq!(u64::from(background.level[0]), want.as_u64().unwrap());
             assert_eq!(background.level[1], 25600, "object pixels are not learnt");
         }
+    }
+
+    /// A background in front of which somebody stood in all frames of the bootstrap and others in other clothes until `left_s`: of the
+    /// frames at 10 Hz after it until `until_s` it learns nothing but by second thoughts. Gives its level and what it holds, bytes.
+    fn thought_over(left_s: f64, until_s: f64, same_light: bool) -> (u8, usize) {
+        let raster = Raster { width: 70, height: 3, wraps: false };
+        let mut background = Background::new(BackgroundMode::Live { bootstrap_s: 0.8 }, raster);
+        for frame in 0..(10.0 * until_s).round() as u32 {
+            let now = at(100.0 + 0.1 * f64::from(frame));
+            let passing = 40 + (frame * 37 % 100) as u8;
+            let shown = if frame < 9 {
+                30
+            } else if f64::from(frame) < 10.0 * left_s {
+                passing
+            } else {
+                150
+            };
+            let picture = vec![shown; raster.len()];
+            if background.is_ready() {
+                background.revise(&picture, now, same_light);
+            } else {
+                background.collect(&picture, &[1; 210], now);
+            }
+        }
+        let levels = background.levels();
+        assert!(levels.iter().all(|level| *level == levels[0]), "{levels:?}");
+        (levels[0], background.memory_bytes())
+    }
+
+    #[test]
+    fn a_crowd_before_a_robot_that_has_just_stopped_leaves_no_trace_once_the_wall_was_seen_for_longer() {
+        assert_eq!(thought_over(2.0, 2.0, true).0, 30, "nothing else was seen for long");
+        assert_eq!(thought_over(2.0, 3.8, true).0, 150);
+        assert_eq!(thought_over(2.0, 3.8, false).0, 30, "levels of another light are not compared");
+        // Later the counts of the looks judge.
+        assert_eq!(thought_over(5.5, 9.0, true).0, 30);
+    }
+
+    #[test]
+    fn second_thoughts_hold_a_bounded_part_of_the_first_seconds() {
+        let [young, old] = [3.0, 7.0].map(|until_s| thought_over(2.0, until_s, true).1);
+        assert!(old < young && young <= old + kernel::MOST_FRAMES * 210, "{young} {old}");
+        // Of large pictures fewer frames are kept.
+        let large = Raster { width: 4320, height: 648, wraps: true };
+        let background = Background::new(BackgroundMode::Live { bootstrap_s: 0.8 }, large);
+        assert!(REVISED_FOR_S / background.revised_spacing_s() * large.len() as f64 <= REVISED_BYTES as f64);
     }
 
     #[test]
