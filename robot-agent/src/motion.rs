@@ -896,7 +896,7 @@ const TIE: f64 = 0.05;
 /// Most turns in which the pixels learn.
 const MAX_TURNS: usize = 8;
 /// A gain so near to 1 leaves grey levels comparable.
-const SAME_LIGHT: f64 = 0.05;
+const SAME_LIGHT: f64 = 0.03;
 /// Frames from one look at the noise of all pixels to the next.
 const NOISE_FRAMES: usize = 8;
 /// The light of a picture of which most rests is looked at so often, seconds.

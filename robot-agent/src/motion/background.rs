@@ -182,14 +182,16 @@ impl Background {
         for (b, &m) in self.level.iter_mut().zip(&median) {
             *b = u16::from(m) << 8;
         }
-        let live = match self.mode {
-            BackgroundMode::Live { bootstrap_s } => Some(bootstrap_s / (LIVE_FRAMES - 1) as f64),
-            _ => None,
-        };
-        let kept = live.map_or_else(Vec::new, |spacing_s| {
-            let step = (self.revised_spacing_s() / spacing_s).round().max(1.0) as usize;
+        let live = matches!(self.mode, BackgroundMode::Live { .. }) && self.most_revised() > LEAST_REVISED;
+        let kept = if live {
+            // As far apart as those that come later.
+            let each_s = self.last_taken.seconds_since(self.first_capture) / (n - 1).max(1) as f64;
+            let spacing_s = REVISED_FOR_S / self.most_revised() as f64;
+            let step = (spacing_s / each_s.max(1e-3)).round().clamp(1.0, LIVE_FRAMES as f64) as usize;
             self.stack.iter().step_by(step).cloned().collect()
-        });
+        } else {
+            Vec::new()
+        };
         // Deviations, taking the place of the frames.
         for frame in &mut self.stack {
             for (c, &m) in frame.iter_mut().zip(&median) {
@@ -213,22 +215,28 @@ impl Background {
     }
 
     /// Thinks a young background over, now and then, half of its rows at a time: another look than the background's that a pixel has
-    /// shown in more frames since the first takes its place. `same_light`: whether levels of then and now may be compared.
+    /// shown in more frames since the first takes its place. `same_light`: whether levels of then and now may be compared;
+    /// once they may not, that is over.
     pub(super) fn revise(&mut self, picture: &[u8], capture: Timestamp, same_light: bool) {
         if !self.ready || self.stack.is_empty() {
             return;
         }
         let age_s = capture.seconds_since(self.first_capture);
-        let spacing_s = self.revised_spacing_s();
-        if !same_light || !(0.0..REVISED_FOR_S).contains(&age_s) || self.stack.len() >= kernel::MOST_FRAMES {
+        if !same_light || !(0.0..REVISED_FOR_S).contains(&age_s) || self.stack.len() >= self.most_revised() {
             self.stack = Vec::new();
             return;
         }
-        if capture.seconds_since(self.last_taken) < 0.8 * spacing_s {
+        let spacing_s = REVISED_FOR_S / self.most_revised() as f64;
+        let since_s = capture.seconds_since(self.last_taken);
+        if since_s < 0.9 * spacing_s {
             return;
         }
         self.stack.push(picture.to_vec());
-        self.last_taken = capture;
+        // In step with the spacing, whatever the frame rate.
+        self.last_taken = if since_s < 1.5 * spacing_s { self.last_taken.offset_by_secs(spacing_s) } else { capture };
+        if self.stack.len() < LEAST_REVISED {
+            return;
+        }
         let half = (self.level.len() / self.width).div_ceil(2) * self.width;
         let pixels = if self.revisions.is_multiple_of(2) { 0..half } else { half..self.level.len() };
         self.revisions += 1;
@@ -242,10 +250,9 @@ impl Background {
         }
     }
 
-    /// Seconds from one frame that is kept for second thoughts to the next: fewer of large pictures.
-    fn revised_spacing_s(&self) -> f64 {
-        let most = (REVISED_BYTES / self.level.len().max(1)).clamp(LEAST_REVISED, kernel::MOST_FRAMES);
-        REVISED_FOR_S / most as f64
+    /// Frames that are kept for second thoughts at most: fewer of large pictures, and none where these would be too few.
+    fn most_revised(&self) -> usize {
+        (REVISED_BYTES / self.level.len().max(1)).min(kernel::MOST_FRAMES)
     }
 
     /// Another look is the background of pixel `i`; what was is forgotten.
@@ -357,6 +364,13 @@ impl Background {
     /// for its ghost was a shadow then, and goes again.
     pub(super) fn absorb(&mut self, i: usize, gray: u8) {
         let level = u16::from(gray) << 8;
+        // Nor does who has left come back by second thoughts.
+        let left = (self.level[i] >> 8) as u8;
+        for shown in
+            self.stack.iter_mut().map(|frame| &mut frame[i]).filter(|shown| shown.abs_diff(left) <= kernel::ALIKE[1])
+        {
+            *shown = gray;
+        }
         let Some(seen) = self.seen.get_mut(i) else {
             self.level[i] = level;
             return;
@@ -374,11 +388,11 @@ impl Background {
     }
 }
 
-/// For how long a background is thought over, seconds from its first frame; bytes of the frames that are kept for that, and how
-/// many frames at least.
+/// For how long a background is thought over, seconds from its first frame; bytes of the frames that are kept for that, and from
+/// how many frames on they tell more than a bootstrap.
 const REVISED_FOR_S: f64 = 6.0;
 const REVISED_BYTES: usize = 32 << 20;
-const LEAST_REVISED: usize = 8;
+const LEAST_REVISED: usize = 7;
 /// Marks of a word among known pixels that are noise.
 const FEW_KNOWN: u32 = 6;
 /// A pair of frames as counts mean it, seconds.
@@ -517,50 +531,71 @@ mod tests {
         }
     }
 
-    /// A background in front of which somebody stood in all frames of the bootstrap and others in other clothes until `left_s`: of the
-    /// frames at 10 Hz after it until `until_s` it learns nothing but by second thoughts. Gives its level and what it holds, bytes.
-    fn thought_over(left_s: f64, until_s: f64, same_light: bool) -> (u8, usize) {
+    /// A background in front of which somebody (30) stood in the frames of the bootstrap and others in other clothes until `left_s`,
+    /// before a wall (150), at some frame rate until `until_s`; it learns nothing but by second thoughts.
+    fn thought_over(left_s: f64, until_s: f64, rate_hz: f64, same_light: bool) -> Background {
         let raster = Raster { width: 70, height: 3, wraps: false };
         let mut background = Background::new(BackgroundMode::Live { bootstrap_s: 0.8 }, raster);
-        for frame in 0..(10.0 * until_s).round() as u32 {
-            let now = at(100.0 + 0.1 * f64::from(frame));
-            let passing = 40 + (frame * 37 % 100) as u8;
-            let shown = if frame < 9 {
-                30
-            } else if f64::from(frame) < 10.0 * left_s {
-                passing
-            } else {
-                150
+        for frame in 0..(rate_hz * until_s).round() as u32 {
+            let s = f64::from(frame) / rate_hz;
+            let passing = 40 + ((10.0 * s).round() as u32 * 37 % 100) as u8;
+            let shown = match s {
+                _ if s < 0.85 => 30,
+                _ if s < left_s => passing,
+                _ => 150,
             };
             let picture = vec![shown; raster.len()];
             if background.is_ready() {
-                background.revise(&picture, now, same_light);
+                background.revise(&picture, at(100.0 + s), same_light);
             } else {
-                background.collect(&picture, &[1; 210], now);
+                background.collect(&picture, &[1; 210], at(100.0 + s));
             }
         }
-        let levels = background.levels();
-        assert!(levels.iter().all(|level| *level == levels[0]), "{levels:?}");
-        (levels[0], background.memory_bytes())
+        background
     }
 
     #[test]
     fn a_crowd_before_a_robot_that_has_just_stopped_leaves_no_trace_once_the_wall_was_seen_for_longer() {
-        assert_eq!(thought_over(2.0, 2.0, true).0, 30, "nothing else was seen for long");
-        assert_eq!(thought_over(2.0, 3.8, true).0, 150);
-        assert_eq!(thought_over(2.0, 3.8, false).0, 30, "levels of another light are not compared");
-        // Later the counts of the looks judge.
-        assert_eq!(thought_over(5.5, 9.0, true).0, 30);
+        for rate_hz in [5.0, 10.0, 25.0, 100.0] {
+            let level = |left_s, until_s, same_light| {
+                let levels = thought_over(left_s, until_s, rate_hz, same_light).levels();
+                assert!(levels.iter().all(|level| *level == levels[0]), "{levels:?}");
+                levels[0]
+            };
+            assert_eq!(level(2.0, 2.2, true), 30, "{rate_hz} Hz: nothing else was seen for long");
+            assert_eq!(level(2.0, 3.9, true), 150, "{rate_hz} Hz");
+            assert_eq!(level(2.0, 3.9, false), 30, "{rate_hz} Hz: levels of another light are not compared");
+        }
+        // Four pictures are no second thought: the background is still the middle of the bootstrap's two, 30 and 110.
+        assert_eq!(thought_over(1.5, 4.0, 1.0, true).levels()[0], 70);
+    }
+
+    #[test]
+    fn what_was_taken_for_a_trace_does_not_come_back_by_second_thoughts() {
+        let mut background = thought_over(1.7, 1.8, 10.0, true);
+        assert_eq!(background.levels()[0], 30);
+        for i in 0..210 {
+            background.absorb(i, 150);
+        }
+        for frame in 18..60 {
+            background.revise(&[150; 210], at(100.0 + 0.1 * f64::from(frame)), true);
+            assert!(background.levels().iter().all(|level| *level == 150), "frame {frame}");
+        }
     }
 
     #[test]
     fn second_thoughts_hold_a_bounded_part_of_the_first_seconds() {
-        let [young, old] = [3.0, 7.0].map(|until_s| thought_over(2.0, until_s, true).1);
-        assert!(old < young && young <= old + kernel::MOST_FRAMES * 210, "{young} {old}");
-        // Of large pictures fewer frames are kept.
-        let large = Raster { width: 4320, height: 648, wraps: true };
-        let background = Background::new(BackgroundMode::Live { bootstrap_s: 0.8 }, large);
-        assert!(REVISED_FOR_S / background.revised_spacing_s() * large.len() as f64 <= REVISED_BYTES as f64);
+        for rate_hz in [10.0, 100.0] {
+            let frames = thought_over(2.0, 5.7, rate_hz, true).stack.len();
+            assert!((20..=kernel::MOST_FRAMES).contains(&frames), "{rate_hz} Hz: {frames}");
+            assert!(thought_over(2.0, 7.0, rate_hz, true).stack.is_empty());
+        }
+        let of = |width, height| {
+            Background::new(BackgroundMode::Live { bootstrap_s: 0.8 }, Raster { width, height, wraps: true })
+        };
+        // Of large pictures fewer frames are kept: 11 of 2.8 million pixels, none of twelve.
+        assert_eq!((of(1080, 162).most_revised(), of(4320, 648).most_revised()), (kernel::MOST_FRAMES, 11));
+        assert!(of(4096, 3072).most_revised() <= LEAST_REVISED);
     }
 
     #[test]

@@ -28,7 +28,7 @@ mod squares;
 pub use learn::{Counting, KEEP, LEARN, LEARN_SLOWLY, Looks, count_looks, learn};
 pub use mark::{Compared, INDOOR_NOISE_MAX, Layers, Marked, NOISE_MAX, known_look, mark_changes};
 pub use median::median;
-pub use most::{MOST_FRAMES, more_often_seen};
+pub use most::{ALIKE, MOST_FRAMES, more_often_seen};
 pub use planes::{COLUMN_PLANES, PLANES, majority_of_counts, slide_counts};
 pub use products::products_by_fours;
 pub(crate) use runs::{

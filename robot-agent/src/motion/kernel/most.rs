@@ -6,13 +6,15 @@ use super::wide;
 pub const MOST_FRAMES: usize = 32;
 /// Pixels looked at together.
 const BLOCK: usize = 64;
-/// Grey levels that are one look: so many parts of a pixel's noise (8.8 fixed point, mean deviation), within these bounds.
+/// Grey levels that are one look: a pixel's noise (mean deviation, 8.8 fixed point) shifted by so many bits: four of it.
 const NOISE_SHIFT: u32 = 6;
-const ALIKE: [u8; 2] = [6, 12];
+/// At least and at most so many.
+pub const ALIKE: [u8; 2] = [6, 12];
 
 wide! {
 /// Pixels that show another look in more of the frames than the one in `level` (8.8 fixed point): each with the mean of that look,
-/// in the same units, and in how many frames it is shown. Looks are one within about four mean deviations (`noise`). At most [`MOST_FRAMES`] frames, all as long as `level`.
+/// in the same units, and in how many frames it is shown. Levels are one look within about four mean deviations
+/// (`noise`), but at least 6 and at most 12 grey levels. At most [`MOST_FRAMES`] frames, all as long as `level`.
 pub fn more_often_seen(frames: &[&[u8]], level: &[u16], noise: &[u16], found: &mut Vec<(usize, u16, u8)>) {
     let n = frames.len().min(MOST_FRAMES);
     let frames = &frames[..n];
