@@ -73,8 +73,6 @@ pub struct Background {
     any_known: bool,
     /// Frames collected for the median; of a young background in the live mode, those it is thought over by; then empty.
     stack: Vec<Vec<u8>>,
-    /// How often it was thought over.
-    revisions: usize,
     arrived: usize,
     first_capture: Timestamp,
     last_taken: Timestamp,
@@ -101,7 +99,6 @@ impl Background {
             known: vec![0; words],
             any_known: false,
             stack: Vec::new(),
-            revisions: 0,
             arrived: 0,
             first_capture: Timestamp(0),
             last_taken: Timestamp(0),
@@ -139,7 +136,6 @@ impl Background {
     /// Forget everything; the next frame is the first.
     pub fn restart(&mut self) {
         self.stack.clear();
-        self.revisions = 0;
         self.arrived = 0;
         self.ready = false;
     }
@@ -182,16 +178,7 @@ impl Background {
         for (b, &m) in self.level.iter_mut().zip(&median) {
             *b = u16::from(m) << 8;
         }
-        let live = matches!(self.mode, BackgroundMode::Live { .. }) && self.most_revised() > LEAST_REVISED;
-        let kept = if live {
-            // As far apart as those that come later.
-            let each_s = self.last_taken.seconds_since(self.first_capture) / (n - 1).max(1) as f64;
-            let spacing_s = REVISED_FOR_S / self.most_revised() as f64;
-            let step = (spacing_s / each_s.max(1e-3)).round().clamp(1.0, LIVE_FRAMES as f64) as usize;
-            self.stack.iter().step_by(step).cloned().collect()
-        } else {
-            Vec::new()
-        };
+        let kept = self.kept_for_revisions();
         // Deviations, taking the place of the frames.
         for frame in &mut self.stack {
             for (c, &m) in frame.iter_mut().zip(&median) {
@@ -226,7 +213,7 @@ impl Background {
             self.stack = Vec::new();
             return;
         }
-        let spacing_s = REVISED_FOR_S / self.most_revised() as f64;
+        let spacing_s = self.revision_spacing_s();
         let since_s = capture.seconds_since(self.last_taken);
         if since_s < 0.9 * spacing_s {
             return;
@@ -238,8 +225,7 @@ impl Background {
             return;
         }
         let half = (self.level.len() / self.width).div_ceil(2) * self.width;
-        let pixels = if self.revisions.is_multiple_of(2) { 0..half } else { half..self.level.len() };
-        self.revisions += 1;
+        let pixels = if self.stack.len().is_multiple_of(2) { half..self.level.len() } else { 0..half };
         let frames: Vec<&[u8]> = self.stack.iter().map(|frame| &frame[pixels.clone()]).collect();
         let mut found = Vec::new();
         kernel::more_often_seen(&frames, &self.level[pixels.clone()], &self.noise[pixels.clone()], &mut found);
@@ -255,12 +241,35 @@ impl Background {
         (REVISED_BYTES / self.level.len().max(1)).min(kernel::MOST_FRAMES)
     }
 
+    /// Seconds from one of them to the next.
+    fn revision_spacing_s(&self) -> f64 {
+        REVISED_FOR_S / self.most_revised() as f64
+    }
+
+    /// Those of the bootstrap, as far apart as the ones that come later.
+    fn kept_for_revisions(&self) -> Vec<Vec<u8>> {
+        if !matches!(self.mode, BackgroundMode::Live { .. }) || self.most_revised() <= LEAST_REVISED {
+            return Vec::new();
+        }
+        let between = (self.stack.len() - 1).max(1) as f64;
+        let each_s = self.last_taken.seconds_since(self.first_capture) / between;
+        let step = (self.revision_spacing_s() / each_s.max(1e-3)).round().clamp(1.0, LIVE_FRAMES as f64) as usize;
+        self.stack.iter().step_by(step).cloned().collect()
+    }
+
+    /// Where the mark of pixel `i` is in `known`: its word, and the bit.
+    fn known_bit(&self, i: usize) -> (usize, u64) {
+        let (row, column) = (i / self.width, i % self.width);
+        (row * self.stride + column / WORD, 1 << (column % WORD))
+    }
+
     /// Another look is the background of pixel `i`; what was is forgotten.
     fn replace(&mut self, i: usize, level: u16) {
         self.level[i] = level;
         if let Some(seen_second) = self.seen_second.get_mut(i) {
             *seen_second = 0;
-            self.known[i / self.width * self.stride + i % self.width / WORD] &= !(1 << (i % self.width % WORD));
+            let (word, bit) = self.known_bit(i);
+            self.known[word] &= !bit;
         }
     }
 
@@ -379,7 +388,8 @@ impl Background {
         *seen = (*seen).max(GHOST_SEEN);
         if long {
             (self.second[i], self.seen_second[i]) = (self.level[i], LONG_SEEN);
-            self.known[i / self.width * self.stride + i % self.width / WORD] |= 1 << (i % self.width % WORD);
+            let (word, bit) = self.known_bit(i);
+            self.known[word] |= bit;
             self.any_known = true;
             self.level[i] = level;
         } else {
