@@ -7,7 +7,7 @@ use protocol::time::Timestamp;
 
 use super::body::solid_rows;
 use super::figures::{Figure, Figures, Shape, Sought};
-use super::shade::shade;
+use super::shade::{Shaded, shaded};
 use super::told::Manner;
 use super::track::{Sighting, Track};
 use super::{PeerBearing, Tracker, association, looks};
@@ -23,8 +23,6 @@ const NEW_SUPPORT: f32 = 0.4;
 const NEW_OWN: f32 = 0.5;
 /// What somebody whom only others saw until now must explain that no known figure does.
 const TOLD_EVIDENCE: f32 = 0.4;
-/// What is left of the background's steps in what is no body but a shadow.
-const SHADED: f64 = 0.6;
 /// Own share up to which somebody who is not seen is behind others, and within how far he is where he would be hidden best, metres.
 const COVERED: f32 = 0.5;
 const BEHIND_M: f64 = 0.25;
@@ -67,7 +65,7 @@ struct Look {
     area: usize,
     outline: Outline,
     /// Whether it is what is behind, in the shade.
-    shadow: bool,
+    shaded: Shaded,
 }
 
 impl Tracker {
@@ -101,7 +99,7 @@ impl Tracker {
             let look = looks.next().flatten();
             let track = &mut self.tracks[t];
             let covered = track.behind && track.has_come();
-            let shadow = look.as_ref().is_some_and(|look| look.shadow);
+            let shadow = look.as_ref().is_some_and(|look| track.is_shadow(look.shaded));
             let seen = figure.shows() && figure.evidence >= LEAST_EVIDENCE && !shadow;
             // Nothing is said against whom others cover; whoever comes out must look like himself.
             let evidence = if shadow { 0.0 } else { figure.evidence };
@@ -134,7 +132,9 @@ impl Tracker {
         }
         self.suspect(&figures, &all, &now, capture);
         for ((k, figure), look) in all.iter().enumerate().skip(known).zip(looks) {
-            let Some(look) = look.filter(|l| l.outline != Outline::Background && !l.shadow) else { continue };
+            let Some(look) = look.filter(|l| l.outline != Outline::Background && l.shaded == Shaded::No) else {
+                continue;
+            };
             let others_see = k < told;
             let enough = figure.own >= NEW_OWN
                 && figure.support >= NEW_SUPPORT
@@ -307,7 +307,7 @@ impl Tracker {
                 aside_m: self.raster.column_difference(axis, figure.column) * step * figure.range_m,
             },
         };
-        Look { sighting, area: region.area, outline, shadow: shade(region, scene).is_some_and(|left| left > SHADED) }
+        Look { sighting, area: region.area, outline, shaded: shaded(region, scene) }
     }
 }
 

@@ -4,7 +4,8 @@
 //! a shadow runs over many levels of grey, so that its ratio to the background is another one in each place, and what is left of it
 //! is as large as somebody, stands beside somebody, and moves with him. Insight: light that is kept away changes slowly from place to
 //! place, so the edges of what is behind stay where they were; a body covers them. So the steps from pixel to pixel are compared
-//! where the background has any. Where it has none, nothing can be told.
+//! where the background has any. Where it has few, a shadow is darker than what is behind in every pixel, and not by much; hair,
+//! faces, shirts and trousers hardly ever are all so at once.
 
 use crate::motion::{Region, Scene};
 
@@ -15,9 +16,54 @@ const LEAST_STEPS: usize = 24;
 /// A step counts for at most so much of the background's either way.
 const MOST: f64 = 1.25;
 
+/// What is left of the steps in what is no body but a shadow, and may be left where steps do not speak against one.
+const SHADED: f64 = 0.6;
+const PERHAPS_SHADED: f64 = 0.3;
+/// Picture over background of shadows: that of all pixels but for a few, and the least that half of the pixels have.
+const DARKER: [f64; 2] = [0.35, 1.0];
+const LEAST_DARKER: f64 = 0.97;
+const LEAST_USUAL: f64 = 0.55;
+
+/// How much speaks for a region's being a shadow.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub(super) enum Shaded {
+    /// It is none.
+    No,
+    /// It is darker than what is behind all over, as few bodies are.
+    Perhaps,
+    /// What is behind shows through.
+    Surely,
+}
+
+/// Whether a region is a shadow.
+pub(super) fn shaded(region: &Region, scene: &Scene<'_>) -> Shaded {
+    match shade(region, scene) {
+        Some(left) if left > SHADED => Shaded::Surely,
+        left if left.is_none_or(|left| left >= PERHAPS_SHADED) && is_darker_all_over(region, scene) => Shaded::Perhaps,
+        _ => Shaded::No,
+    }
+}
+
+fn is_darker_all_over(region: &Region, scene: &Scene<'_>) -> bool {
+    if scene.background.len() != scene.picture.len() {
+        return false;
+    }
+    let (mut all, mut darker, mut usual) = (0u32, 0u32, 0u32);
+    for (row, start, len) in region.spans() {
+        let at = row * scene.raster.width + start;
+        for (now, behind) in scene.picture[at..at + len].iter().zip(&scene.background[at..at + len]) {
+            let ratio = 256.0 * f64::from(*now) / f64::from((*behind).max(1));
+            all += 1;
+            darker += u32::from(ratio > DARKER[0] && ratio < DARKER[1]);
+            usual += u32::from(ratio > LEAST_USUAL);
+        }
+    }
+    f64::from(darker) >= LEAST_DARKER * f64::from(all) && 2 * usual >= all
+}
+
 /// What is left in the picture of the background's steps inside a region: about 0 where a body covers it, its brightness in the shade where it
 /// is shaded. `None` where the background is too smooth to tell.
-pub(super) fn shade(region: &Region, scene: &Scene<'_>) -> Option<f64> {
+fn shade(region: &Region, scene: &Scene<'_>) -> Option<f64> {
     let (width, n) = (scene.raster.width, scene.picture.len());
     if scene.background.len() != n {
         return None;

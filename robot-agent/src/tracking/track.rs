@@ -25,6 +25,7 @@ use super::histogram::Histogram;
 use super::looks::Looks;
 use super::lost::Stand;
 use super::people::SHOULDERS_M;
+use super::shade::Shaded;
 use super::told::{Agreement, Manner};
 use crate::motion::{Arc, Patch, Raster};
 
@@ -34,6 +35,8 @@ const STANDING_RATE: f64 = 0.4;
 const STEADY: f64 = 0.25;
 /// Sightings in which somebody stands out of the background, after which he has come from somewhere: born as he stopped.
 const SOLID_HITS: u32 = 8;
+/// Sightings that are no shadow, after which it has a body.
+const BODILY_HITS: u32 = 5;
 
 /// A moving object that is followed.
 #[derive(Debug, Clone)]
@@ -72,6 +75,8 @@ pub(super) struct Track {
     pub(super) vouched_hits: u32,
     /// Sightings in which it stood, nobody in front, with an outline that is in the picture and not in the background.
     pub(super) solid_hits: u32,
+    /// Sights of it that were no shadow, however little spoke for one.
+    bodily_hits: u32,
     /// Sightings in which it moved and was no ghost.
     pub(super) moving_hits: u32,
     /// When something in a picture last spoke for it.
@@ -215,6 +220,7 @@ impl Track {
             vouched: Timestamp::default(),
             vouched_hits: 0,
             solid_hits: 0,
+            bodily_hits: 1,
             born: now,
             born_at: s.axis,
             travelled: 0.0,
@@ -250,6 +256,7 @@ impl Track {
     pub(super) fn returns(&mut self, looks: Looks) {
         self.looks = looks;
         self.travelled = f64::INFINITY;
+        self.bodily_hits = BODILY_HITS;
     }
 
     /// Where its figure should be.
@@ -269,6 +276,12 @@ impl Track {
             seniority: self.hits,
             looks: self.looks.firm(),
         }
+    }
+
+    /// Whether it shows a shadow and nobody: what was seen to be a body must be one for sure.
+    pub(super) fn is_shadow(&mut self, now: Shaded) -> bool {
+        self.bodily_hits = self.bodily_hits.saturating_add(u32::from(now == Shaded::No));
+        now == Shaded::Surely || now == Shaded::Perhaps && self.bodily_hits < BODILY_HITS
     }
 
     /// What this frame says about its existence.
