@@ -59,6 +59,9 @@ pub(super) type Robot = (f64, f64, usize);
 /// Hair and faces differ less from a wall than clothes: share of the typical row's change that the top row must have.
 const SOLID_HEAD: f64 = 0.25;
 
+/// Shadows fall no further from somebody than this, metres across the line of sight.
+const SHADOW_M: f64 = 2.0;
+
 /// How somebody appears in a frame.
 struct Look {
     sighting: Sighting,
@@ -97,9 +100,10 @@ impl Tracker {
         let mut now: Vec<Option<Appearance>> = vec![None; known];
         for (t, figure) in all[..known].iter().enumerate() {
             let look = looks.next().flatten();
+            let beside = self.may_be_cast(figure.column, Some(t), &figures);
             let track = &mut self.tracks[t];
             let covered = track.behind && track.has_come();
-            let shadow = look.as_ref().is_some_and(|look| track.is_shadow(look.shaded));
+            let shadow = look.as_ref().is_some_and(|look| track.is_shadow(look.shaded, beside));
             let seen = figure.shows() && figure.evidence >= LEAST_EVIDENCE && !shadow;
             // Nothing is said against whom others cover; whoever comes out must look like himself.
             let evidence = if shadow { 0.0 } else { figure.evidence };
@@ -132,10 +136,13 @@ impl Tracker {
         }
         self.suspect(&figures, &all, &now, capture);
         for ((k, figure), look) in all.iter().enumerate().skip(known).zip(looks) {
-            let Some(look) = look.filter(|l| l.outline != Outline::Background && l.shaded == Shaded::No) else {
-                continue;
-            };
+            let Some(look) = look.filter(|l| l.outline != Outline::Background) else { continue };
             let others_see = k < told;
+            match look.shaded {
+                Shaded::Surely => continue,
+                Shaded::Perhaps if !others_see && self.may_be_cast(figure.column, None, &figures) => continue,
+                Shaded::Perhaps | Shaded::No => {}
+            }
             let enough = figure.own >= NEW_OWN
                 && figure.support >= NEW_SUPPORT
                 && (!others_see || figure.evidence >= TOLD_EVIDENCE);
@@ -180,6 +187,15 @@ impl Tracker {
         // Whom nothing speaks for that seniors do not explain is a part of them.
         self.keep_tracks(|t| t.evidence > LEAST_MEAN_EVIDENCE);
         self.figures = Some(figures);
+    }
+
+    /// Whether somebody else than track `but` is so near to a column that his shadow may fall there.
+    fn may_be_cast(&self, column: f64, but: Option<usize>, figures: &Figures) -> bool {
+        let casts = |track: &Track| {
+            let reach = figures.columns_of(SHADOW_M, track.log_range.exp());
+            track.confirmed && self.raster.column_difference(track.filter.column, column).abs() < reach
+        };
+        self.tracks.iter().enumerate().any(|(t, track)| Some(t) != but && casts(track))
     }
 
     /// Whether somebody is hidden, or was lost behind others, within `reach` columns of a place.

@@ -16,20 +16,20 @@ const LEAST_STEPS: usize = 24;
 /// A step counts for at most so much of the background's either way.
 const MOST: f64 = 1.25;
 
-/// What is left of the steps in what is no body but a shadow, and may be left where steps do not speak against one.
+/// What is left of the steps in what is no body but a shadow, and in one that its darkness must tell.
 const SHADED: f64 = 0.6;
-const PERHAPS_SHADED: f64 = 0.3;
-/// Picture over background of shadows: that of all pixels but for a few, and the least that half of the pixels have.
+const DARK_SHADED: f64 = 0.3;
+/// Picture over background in a shadow: of nearly all pixels, and the least that half of them have.
 const DARKER: [f64; 2] = [0.35, 1.0];
-const LEAST_DARKER: f64 = 0.97;
-const LEAST_USUAL: f64 = 0.55;
+const LEAST_DARKER: f64 = 0.95;
+const LEAST_USUAL: f64 = 0.5;
 
 /// How much speaks for a region's being a shadow.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Shaded {
     /// It is none.
     No,
-    /// It is darker than what is behind all over, as few bodies are.
+    /// One body in a hundred would look so: it is darker all over than what is behind.
     Perhaps,
     /// What is behind shows through.
     Surely,
@@ -39,11 +39,13 @@ pub(super) enum Shaded {
 pub(super) fn shaded(region: &Region, scene: &Scene<'_>) -> Shaded {
     match shade(region, scene) {
         Some(left) if left > SHADED => Shaded::Surely,
-        left if left.is_none_or(|left| left >= PERHAPS_SHADED) && is_darker_all_over(region, scene) => Shaded::Perhaps,
+        Some(left) if left < DARK_SHADED => Shaded::No,
+        _ if is_darker_all_over(region, scene) => Shaded::Perhaps,
         _ => Shaded::No,
     }
 }
 
+/// Whether it is darker than what is behind in nearly every pixel, and mostly not by much.
 fn is_darker_all_over(region: &Region, scene: &Scene<'_>) -> bool {
     if scene.background.len() != scene.picture.len() {
         return false;
@@ -99,8 +101,9 @@ mod tests {
 
     const RING: Raster = Raster { width: 120, height: 60, wraps: true };
 
-    /// What is left in a region over the seam, of a background with a pattern of some strength; `now` of the background's level, column and row.
-    fn left(pattern: f64, now: impl Fn(f64, usize, usize) -> f64) -> Option<f64> {
+    /// What `judge` says of a region over the seam, of a background with a pattern of some strength; `now` of the background's level, column
+    /// and row.
+    fn judged<T>(pattern: f64, now: impl Fn(f64, usize, usize) -> f64, judge: impl Fn(&Region, &Scene<'_>) -> T) -> T {
         let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(11);
         let behind = |x: usize, y: usize| 130.0 + pattern * (x as f64 / 2.5).sin() * (y as f64 / 3.5).cos();
         let at = |i: usize| (i % RING.width, i / RING.width);
@@ -119,7 +122,11 @@ mod tests {
             valid: &mask,
             objects: &[],
         };
-        shade(&group(&mask, &RING, [1, 1], 1)[0], &scene)
+        judge(&group(&mask, &RING, [1, 1], 1)[0], &scene)
+    }
+
+    fn left(pattern: f64, now: impl Fn(f64, usize, usize) -> f64) -> Option<f64> {
+        judged(pattern, now, shade)
     }
 
     #[test]
@@ -141,7 +148,20 @@ mod tests {
     }
 
     #[test]
-    fn before_a_smooth_wall_nothing_is_told() {
+    fn before_a_smooth_wall_it_may_be_a_shadow_where_all_of_it_is_a_little_darker() {
         assert_eq!(left(1.0, |level, _, _| 0.7 * level), None);
+        let wall = |now: &dyn Fn(f64, usize, usize) -> f64| judged(1.0, now, shaded);
+        let soft = |level: f64, x: usize, y: usize| level * (0.6 + 0.002 * x as f64 + 0.001 * y as f64);
+        assert_eq!(wall(&|level, _, _| 0.7 * level), Shaded::Perhaps);
+        assert_eq!(wall(&soft), Shaded::Perhaps);
+        let coat = |_: f64, _: usize, _: usize| 35.0;
+        let bright_shirt = |_: f64, _: usize, y: usize| if y < 30 { 170.0 } else { 80.0 };
+        let checked = |_: f64, x: usize, y: usize| 115.0 + 30.0 * (x as f64 / 1.7).cos() * (y as f64 / 2.1).sin();
+        for clothes in [&coat as &dyn Fn(f64, usize, usize) -> f64, &bright_shirt, &checked] {
+            assert_eq!(wall(clothes), Shaded::No);
+        }
+        // Where something is behind that clothes cover, they are no shadow however dull.
+        assert_eq!(judged(50.0, |_, _, _| 70.0, shaded), Shaded::No);
+        assert_eq!(judged(50.0, |level, _, _| 0.65 * level, shaded), Shaded::Surely);
     }
 }
