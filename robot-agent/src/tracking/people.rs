@@ -100,10 +100,10 @@ impl Tracker {
         let mut now: Vec<Option<Appearance>> = vec![None; known];
         for (t, figure) in all[..known].iter().enumerate() {
             let look = looks.next().flatten();
-            let beside = self.may_be_cast(figure.column, Some(t), &figures);
+            let shaded = look.as_ref().map(|look| self.cast_by_another(look.shaded, figure.column, Some(t), &figures));
             let track = &mut self.tracks[t];
             let covered = track.behind && track.has_come();
-            let shadow = look.as_ref().is_some_and(|look| track.is_shadow(look.shaded, beside));
+            let shadow = shaded.is_some_and(|shaded| track.is_shadow(shaded));
             let seen = figure.shows() && figure.evidence >= LEAST_EVIDENCE && !shadow;
             // Nothing is said against whom others cover; whoever comes out must look like himself.
             let evidence = if shadow { 0.0 } else { figure.evidence };
@@ -138,9 +138,9 @@ impl Tracker {
         for ((k, figure), look) in all.iter().enumerate().skip(known).zip(looks) {
             let Some(look) = look.filter(|l| l.outline != Outline::Background) else { continue };
             let others_see = k < told;
-            match look.shaded {
+            match self.cast_by_another(look.shaded, figure.column, None, &figures) {
                 Shaded::Surely => continue,
-                Shaded::Perhaps if !others_see && self.may_be_cast(figure.column, None, &figures) => continue,
+                Shaded::Perhaps if !others_see => continue,
                 Shaded::Perhaps | Shaded::No => {}
             }
             let enough = figure.own >= NEW_OWN
@@ -189,13 +189,14 @@ impl Tracker {
         self.figures = Some(figures);
     }
 
-    /// Whether somebody else than track `but` is so near to a column that his shadow may fall there.
-    fn may_be_cast(&self, column: f64, but: Option<usize>, figures: &Figures) -> bool {
+    /// What looks like a shadow at a column is perhaps one only where the shadow of somebody else than track `but` may fall.
+    fn cast_by_another(&self, shaded: Shaded, column: f64, but: Option<usize>, figures: &Figures) -> Shaded {
         let casts = |track: &Track| {
             let reach = figures.columns_of(SHADOW_M, track.log_range.exp());
             track.confirmed && self.raster.column_difference(track.filter.column, column).abs() < reach
         };
-        self.tracks.iter().enumerate().any(|(t, track)| Some(t) != but && casts(track))
+        let mut others = self.tracks.iter().enumerate().filter(|(t, _)| Some(*t) != but);
+        if shaded == Shaded::Perhaps && !others.any(|(_, track)| casts(track)) { Shaded::No } else { shaded }
     }
 
     /// Whether somebody is hidden, or was lost behind others, within `reach` columns of a place.

@@ -37,6 +37,9 @@ pub(super) enum Shaded {
 
 /// Whether a region is a shadow.
 pub(super) fn shaded(region: &Region, scene: &Scene<'_>) -> Shaded {
+    if scene.background.len() != scene.picture.len() {
+        return Shaded::No;
+    }
     match shade(region, scene) {
         Some(left) if left > SHADED => Shaded::Surely,
         Some(left) if left < DARK_SHADED => Shaded::No,
@@ -47,9 +50,6 @@ pub(super) fn shaded(region: &Region, scene: &Scene<'_>) -> Shaded {
 
 /// Whether it is darker than what is behind in nearly every pixel, and mostly not by much.
 fn is_darker_all_over(region: &Region, scene: &Scene<'_>) -> bool {
-    if scene.background.len() != scene.picture.len() {
-        return false;
-    }
     let (mut all, mut darker, mut usual) = (0u32, 0u32, 0u32);
     for (row, start, len) in region.spans() {
         let at = row * scene.raster.width + start;
@@ -66,10 +66,7 @@ fn is_darker_all_over(region: &Region, scene: &Scene<'_>) -> bool {
 /// What is left in the picture of the background's steps inside a region: about 0 where a body covers it, its brightness in the shade where it
 /// is shaded. `None` where the background is too smooth to tell.
 fn shade(region: &Region, scene: &Scene<'_>) -> Option<f64> {
-    let (width, n) = (scene.raster.width, scene.picture.len());
-    if scene.background.len() != n {
-        return None;
-    }
+    let width = scene.raster.width;
     let (mut sum, mut steps) = (0.0, 0usize);
     for (row, start, len) in region.spans() {
         let first = row * width + start;

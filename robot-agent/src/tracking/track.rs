@@ -278,12 +278,10 @@ impl Track {
         }
     }
 
-    /// Whether it shows a shadow and nobody; `cast`: somebody else is near enough. What was a body for some time must surely be a shadow.
-    pub(super) fn is_shadow(&mut self, now: Shaded, cast: bool) -> bool {
-        let perhaps = now == Shaded::Perhaps && cast;
-        let is = now == Shaded::Surely || perhaps && self.bodily_hits < BODILY_HITS;
-        self.bodily_hits = self.bodily_hits.saturating_add(u32::from(!is && !perhaps));
-        is
+    /// Whether it shows a shadow and nobody. What was a body for some time must surely be a shadow.
+    pub(super) fn is_shadow(&mut self, now: Shaded) -> bool {
+        self.bodily_hits = self.bodily_hits.saturating_add(u32::from(now == Shaded::No));
+        now == Shaded::Surely || now == Shaded::Perhaps && self.bodily_hits < BODILY_HITS
     }
 
     /// What this frame says about its existence.

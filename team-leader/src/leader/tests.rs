@@ -21,20 +21,12 @@ fn run(settings: &Settings, seed: u64) -> Score {
     score
 }
 
-/// All seeds together, on two threads.
+/// All seeds together, each on a thread of its own.
 fn run_all(settings: &Settings, seeds: std::ops::Range<u64>) -> Score {
-    let next = std::sync::atomic::AtomicU64::new(seeds.start);
-    let worker = || {
-        let next = || Some(next.fetch_add(1, std::sync::atomic::Ordering::Relaxed)).filter(|seed| seeds.contains(seed));
-        std::iter::from_fn(next).map(|seed| (seed, run(settings, seed))).collect::<Vec<_>>()
-    };
-    let mut scores = std::thread::scope(|scope| {
-        let other = scope.spawn(worker);
-        let mut scores = worker();
-        scores.extend(other.join().unwrap());
-        scores
+    let scores: Vec<(u64, Score)> = std::thread::scope(|scope| {
+        let runs: Vec<_> = seeds.map(|seed| (seed, scope.spawn(move || run(settings, seed)))).collect();
+        runs.into_iter().map(|(seed, run)| (seed, run.join().unwrap())).collect()
     });
-    scores.sort_by_key(|(seed, _)| *seed);
     let mut total = Score::default();
     for (seed, score) in scores {
         println!("seed {seed}: {score}");
