@@ -37,7 +37,8 @@ use protocol::time::Timestamp;
 pub use cylinder::{EDGE_FLOOR_PX, ELEVATION_FLOOR_PX};
 pub use learn::{KnownView, LearnError, Learnt, learn};
 pub use search::Grid;
-pub use verdict::{Basis, Fit, Traits};
+use verdict::LEAST_LOG_ODDS;
+pub use verdict::{Basis, Fit, Node, Traits};
 
 use beacon::BeaconReader;
 use cylinder::{CylinderFinder, Part};
@@ -289,9 +290,21 @@ impl PeerDetector {
             let finds = finder.find(&self.camera, &mut self.rays, raw, panorama, stream, (known, &found));
             found.extend(finds);
         }
+        let mut plates = Vec::new();
         for finder in &mut self.plates {
             let panorama = panorama.filter(|p| p.len() == finder.panorama_len());
-            found.extend(finder.find(&self.camera, &mut self.rays, raw, panorama, stream, known));
+            plates.extend(finder.find(&self.camera, &mut self.rays, raw, panorama, stream, known));
+        }
+        let since = found.len();
+        found.append(&mut plates);
+        // Plates may hide what stands behind them.
+        if found.len() > since {
+            for finder in &mut self.finders {
+                let plates: Vec<&Find> = found[since..].iter().filter(|find| find.log_odds >= LEAST_LOG_ODDS).collect();
+                let behind =
+                    finder.find_behind(&self.camera, &mut self.rays, raw, (&plates, panorama.is_some()), &found);
+                found.extend(behind);
+            }
         }
         let mut peers = as_announced(without_doubles(found), self.announced_plates);
         peers.sort_by(|a, b| a.bearing_rad.total_cmp(&b.bearing_rad));

@@ -5,6 +5,7 @@
 //! range ([`statistics`]), and by what stands before a robot ([`hidden`]). What was fitted teaches what tells robots from other
 //! things ([`verdict`]).
 
+mod boost;
 pub mod hidden;
 pub mod layout;
 pub mod pictures;

@@ -67,6 +67,9 @@ pub struct Reading {
     pub heading_rad: [f64; 2],
     /// Whether no other heading fits nearly as well.
     pub has_heading: bool,
+    /// Whether the bars are where they seem to be: no other heading fits nearly as well but those that look the same, and no other
+    /// pattern.
+    pub is_clear: bool,
     /// What does not fit, a column of the body: 1 is noise.
     pub misfit: f64,
     /// Whether it is bars beyond all doubt: every other pattern fits worse by far.
@@ -251,8 +254,8 @@ pub fn read(samples: &[Sample], look: &CylinderLook, rings: &RingFit, hidden: &[
     let is_named = chosen.cost <= WORST_NAMED_COST * columns.len() as f64
         && best.get(1).is_none_or(|second| second.cost > chosen.cost + clear);
     // A reading that another pattern of the same kind contests has no heading either.
-    let has_heading =
-        !pattern.bars.is_empty() && pattern.period_rad > 0.99 * TAU && is_named && rival_heading > chosen.cost + clear;
+    let is_clear = is_named && rival_heading > chosen.cost + clear;
+    let has_heading = is_clear && !pattern.bars.is_empty() && pattern.period_rad > 0.99 * TAU;
     let signal = geometry.signal(pattern, chosen.heading, None);
     let (bars, sigma) = each_bar(&columns, &geometry, pattern, chosen.heading, level, rings);
     let heading_rad = [protocol::angle::wrap(chosen.heading), sigma];
@@ -261,7 +264,17 @@ pub fn read(samples: &[Sample], look: &CylinderLook, rings: &RingFit, hidden: &[
         && !pattern.bars.is_empty()
         && misfit < WORST_CERTAIN
         && best.get(1).is_none_or(|second| second.cost > chosen.cost + CERTAIN_COST);
-    Some(Reading { pattern: chosen.pattern, is_named, heading_rad, has_heading, misfit, is_certain, bars, signal })
+    Some(Reading {
+        pattern: chosen.pattern,
+        is_named,
+        heading_rad,
+        has_heading,
+        is_clear,
+        misfit,
+        is_certain,
+        bars,
+        signal,
+    })
 }
 
 /// A few columns, each with the azimuths at the peer's axis that it shows, for the search over all headings.

@@ -26,7 +26,7 @@ use super::occluder::Occluder;
 use super::rays::{PixelRays, Sample};
 use super::refusals::Refusals;
 use super::rings::{self, RingFit};
-use super::search::{Candidate, Grid, Search};
+use super::search::{self, Candidate, Grid, Search};
 use super::verdict::{Fit, Fits};
 use super::{Before, Find, Peer, PeerFeature};
 use crate::optics::MountedCamera;
@@ -49,7 +49,7 @@ const WORST_PAINT: f64 = 0.12;
 const BEND_GATE: f64 = 0.1;
 
 /// Least contrast of full reflectance over the residual noise.
-const LEAST_CONTRAST: f64 = 6.0;
+const LEAST_CONTRAST: f64 = 4.0;
 /// The announced heights must fit to this, metres, beside what the mounting leaves open.
 const HEIGHT_GATE_M: f64 = 0.01;
 /// Least share of an outline's information from rows that agree.
@@ -87,6 +87,9 @@ const LONE_EDGE_PX: f64 = 0.2;
 const BARRED_EDGE_FLOOR_PX: f64 = 0.25;
 /// The same of a bar, whose two borders the light treats differently. Pixels.
 const BAR_FLOOR_PX: f64 = 0.12;
+/// Variances are so many times larger where an outline is missing and the bars may be others: what seems to be the outline may be the border
+/// of one.
+const UNCLEAR: f64 = 12.0;
 /// Of a heading from bars that are too narrow to be measured one by one.
 const HEADING_FLOOR_RAD: f64 = 0.01;
 /// The middle by the bend of the rings is right to this when noise has averaged out, radians.
@@ -101,6 +104,8 @@ pub struct CylinderFinder {
     part: Part,
     search: Search,
     near_search: NearSearch,
+    /// Where somebody was expected or an upper end may be in the picture at hand: worth another look once it is known who stands before.
+    hideable: Vec<Candidate>,
     reach: Reach,
     samples: Vec<Sample>,
     /// Of the sensor in the picture at hand, squared grey levels.
@@ -155,8 +160,9 @@ impl CylinderFinder {
         let search = Search::new(grid, &look, camera.viewpoint_body_m().z, lowest);
         let reach = Reach::new(&look, camera.viewpoint_body_m().z, lowest);
         let near_search = NearSearch::new(grid, &look, camera.viewpoint_body_m().z, &reach);
-        let (samples, fits, refusals) = (Vec::new(), Fits::default(), Refusals::default());
-        Self { look, part, search, near_search, reach, samples, noise2: 0.0, fits, refusals, looks: 0 }
+        let (hideable, samples) = (Vec::new(), Vec::new());
+        let (fits, refusals) = (Fits::default(), Refusals::default());
+        Self { look, part, search, near_search, hideable, reach, samples, noise2: 0.0, fits, refusals, looks: 0 }
     }
 
     /// Bytes of the panorama that the search expects.
@@ -207,23 +213,64 @@ impl CylinderFinder {
                 is_behind: false,
             })
             .collect();
+        self.hideable.clone_from(&candidates);
         if let Some(panorama) = panorama {
             self.refusals.begin_search(stream);
             candidates.extend(self.search.run(panorama));
             if self.part == Part::Whole {
-                candidates.extend(self.near_search.run(panorama));
+                let near = self.near_search.run(panorama);
+                candidates.extend_from_slice(&near);
+                self.hideable.extend(near);
             }
         }
         self.noise2 = rays.noise2();
         self.looks = 0;
         let mut accepted: Vec<Find> = Vec::new();
         self.add_found(camera, rays, raw, &candidates, before, &mut accepted);
-        if panorama.is_some() && self.part == Part::Whole {
-            let occluders: Vec<Occluder> = before.iter().chain(&accepted).map(|find| occluder(camera, find)).collect();
-            let behind = self.search.behind(&occluders);
-            self.add_found(camera, rays, raw, &behind, before, &mut accepted);
-        }
+        let occluders: Vec<Occluder> = before.iter().chain(&accepted).map(|find| occluder(camera, find)).collect();
+        self.add_behind(camera, rays, raw, (&occluders, panorama.is_some()), before, &mut accepted);
         accepted
+    }
+
+    /// The robots in the picture that [`CylinderFinder::find`] had last, with a panorama or without (`is_searched`), that nobody has found
+    /// `before`, because those that others have found `since` stand before them.
+    pub fn find_behind(
+        &mut self,
+        camera: &MountedCamera,
+        rays: &mut PixelRays,
+        raw: &[u8],
+        (since, is_searched): (&[&Find], bool),
+        before: &[Find],
+    ) -> Vec<Find> {
+        let occluders: Vec<Occluder> = since.iter().map(|find| occluder(camera, find)).collect();
+        let mut accepted = Vec::new();
+        self.add_behind(camera, rays, raw, (&occluders, is_searched), before, &mut accepted);
+        accepted
+    }
+
+    /// Adds the robots that show beside and above those before them.
+    fn add_behind(
+        &mut self,
+        camera: &MountedCamera,
+        rays: &mut PixelRays,
+        raw: &[u8],
+        (occluders, is_searched): (&[Occluder], bool),
+        before: &[Find],
+        accepted: &mut Vec<Find>,
+    ) {
+        if self.part != Part::Whole {
+            return;
+        }
+        let mut behind = if is_searched { self.search.behind(occluders) } else { Vec::new() };
+        let is_behind = |candidate: &&Candidate| {
+            let half = outline_rad(self.look.radius_m, candidate.range_m);
+            occluders.iter().any(|o| {
+                o.range_m < candidate.range_m && o.hidden_share(candidate.bearing_rad, half) > search::LEAST_HIDDEN
+            })
+        };
+        let hideable = self.hideable.iter().filter(is_behind);
+        behind.extend(hideable.map(|candidate| Candidate { is_behind: true, ..*candidate }));
+        self.add_found(camera, rays, raw, &behind, before, accepted);
     }
 
     /// Adds the robots that candidates are to those `accepted`; of two in one place the one that is surer stays.
@@ -331,9 +378,16 @@ impl CylinderFinder {
             let (a, b) = (drop.atan2(nearest), drop.atan2(farthest));
             [a.min(b), a.max(b)]
         };
+        // The far side of the upper end is looked at, too, where that is all there is.
+        let by_end =
+            (candidate.rim.is_some() || candidate.known) && candidate.range_m < RANGE_SLACK * self.reach.two_edges_m;
+        let top = match by_end {
+            true => (self.look.high_m() - height).atan2(farthest + radius).max(end(self.look.high_m())[1]),
+            false => end(self.look.high_m())[1],
+        };
         let elevation = [
             (end(self.look.low_m())[0]).clamp(lowest, highest),
-            (end(self.look.high_m())[1] + if candidate.range_m < NEAR_M { 0.03 } else { 0.01 }).clamp(lowest, highest),
+            (top + if candidate.range_m < NEAR_M { 0.03 } else { 0.01 }).clamp(lowest, highest),
         ];
         let mut samples = std::mem::take(&mut self.samples);
         rays.patch(camera, raw, candidate.bearing_rad, half * BESIDE_SHARE + BESIDE_PATCH_RAD, elevation, &mut samples);
@@ -439,7 +493,7 @@ impl CylinderFinder {
     ) -> Option<Found> {
         let reading = match self.look.is_barred() {
             true => {
-                let reading = bars::read(samples, &self.look, &rings, &Self::hidden_sides(&rings));
+                let reading = bars::read(samples, &self.look, &rings, &Self::hidden_sectors(&rings));
                 // Near at hand one ring alone is in view, which may say nothing of bars.
                 let is_round = rings.is_rim && rings.visible >= credible::LEAST_LONE_RIM;
                 if reading.is_none() && !is_round && !self.is_plain(&rings, camera) {
@@ -572,7 +626,9 @@ impl CylinderFinder {
             2 => 1.0,
             _ => {
                 let bend = rings.bend[0] / rings.bend[1].max(0.5 * BEND_GATE);
-                found.reading.as_ref().map_or(1.0, |r| r.misfit.max(1.0)) * (0.5 * bend).powi(2).max(1.0)
+                let by_bars =
+                    found.reading.as_ref().map_or(1.0, |r| r.misfit.max(if r.is_clear { 1.0 } else { UNCLEAR }));
+                by_bars * (0.5 * bend).powi(2).max(1.0)
             }
         };
         let evidence_share = [0.6, 0.85, 1.0][seen];
@@ -594,7 +650,8 @@ impl CylinderFinder {
 
     /// Whole bars that were measured by themselves: azimuth, bearing, standard deviation.
     fn bar_evidence(&self, reading: Option<&Reading>) -> Vec<[f64; 3]> {
-        let Some(reading) = reading else { return Vec::new() };
+        // Bars of another pattern, or of another side, would put the body elsewhere.
+        let Some(reading) = reading.filter(|reading| reading.is_clear) else { return Vec::new() };
         let bars = &self.look.patterns[reading.pattern].bars;
         let sight = |s: &bars::BarSight| {
             [bars[s.bar].azimuth_rad, s.bearing_rad, s.sigma_rad.hypot(BAR_FLOOR_PX / s.px_per_rad)]
@@ -711,6 +768,7 @@ mod tests {
             bend: [0.0, 0.1],
             edges_seen: 1,
             is_rim: false,
+            lid: 0.0,
         }
     }
 

@@ -67,6 +67,10 @@ const SHARED_PX: f64 = 0.05;
 /// with the curve's distance where one edge between rings alone is in view (`CylinderFinder::with_upper_end`).
 const CORRELATION: f64 = 0.97;
 const ROUNDS: usize = 6;
+/// The far side of the upper end is looked for so far above the near side, in so many columns, and counts this near to where it should be.
+const OVER_NEAR_PX: f64 = 2.5;
+const LEAST_LID_COLUMNS: usize = 6;
+const MOST_LID_PX: f64 = 1.0;
 /// A step in a column is looked for this far from the prediction, pixels.
 const MOST_STEP_PX: f64 = 2.8;
 
@@ -276,13 +280,14 @@ struct Crossing {
 pub fn fit(samples: &[Sample], look: &CylinderLook, height_m: f64, start: (f64, f64), rim: Rim) -> Option<RingFit> {
     let (mut bearing, mut range) = start;
     let rise = look.high_m() - height_m;
-    let samples = about(samples, look, start);
+    let all = samples;
+    let samples = about(all, look, start);
     let mut fitted = None;
     for round in 0..ROUNDS {
         let starts_px: &[f64] = if round < 2 { &[-1.5, 0.0, 1.5] } else { &[0.0] };
         // Most candidates are none: a third of the columns shows it.
         let every = if round == 0 { 3 } else { 1 };
-        let crossings = crossings(&samples, look, (bearing, range), starts_px, every);
+        let (crossings, _) = crossings(&samples, look, (bearing, range), Half::Near, starts_px, every);
         let asked = crossings.len();
         if asked < 8 {
             return None;
@@ -372,7 +377,16 @@ pub fn fit(samples: &[Sample], look: &CylinderLook, height_m: f64, start: (f64, 
         bend: [0.0; 2],
         edges_seen: 1,
         is_rim: true,
+        lid: lid_shown(all, look, (bearing, range)),
     })
+}
+
+/// Share of the columns in which the picture has an edge where the far side of the upper end is, as of a body that ends there: a table's or
+/// a chair's front has none, or elsewhere. Its middle may be hidden by what the body carries.
+fn lid_shown(samples: &[Sample], look: &CylinderLook, at: (f64, f64)) -> f64 {
+    let (crossings, asked) = crossings(samples, look, at, Half::Far, &[0.0], 1);
+    let shown = crossings.iter().filter(|crossing| crossing.higher_px.abs() < MOST_LID_PX).count();
+    shown as f64 / asked.max(LEAST_LID_COLUMNS) as f64
 }
 
 /// The samples that the fit may come to need.
@@ -386,17 +400,27 @@ fn about(samples: &[Sample], look: &CylinderLook, at: (f64, f64)) -> Vec<Sample>
     samples.iter().filter(is_about).copied().collect()
 }
 
-/// Where the curve is in every `every`-th column of the picture that shows it.
+/// Of the upper end.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Half {
+    /// Towards the camera.
+    Near,
+    /// What the body itself would hide were it any higher.
+    Far,
+}
+
+/// Where the curve is in every `every`-th column of the picture that shows it; and how many of those could.
 fn crossings(
     samples: &[Sample],
     look: &CylinderLook,
     at: (f64, f64),
+    half_of_it: Half,
     starts_px: &[f64],
     every: usize,
-) -> Vec<Crossing> {
+) -> (Vec<Crossing>, usize) {
     let cylinder = Cylinder::new(at.0, at.1, look.radius_m);
     let half = cylinder.outline_rad;
-    let Some(scale) = samples.first().map(|s| f64::from(s.ray.px_per_bearing)) else { return Vec::new() };
+    let Some(scale) = samples.first().map(|s| f64::from(s.ray.px_per_bearing)) else { return (Vec::new(), 0) };
     let wide = (1.5 / scale).max(half / 40.0);
     let count = (2.0 * half / wide).ceil().max(1.0) as usize;
     let mut columns: Vec<Vec<(f64, f64)>> = vec![Vec::new(); count];
@@ -407,7 +431,16 @@ fn crossings(
             continue;
         }
         let m_per_px = sample.ray.m_per_px(met.distance_m);
-        let higher_px = (met.height_m - look.high_m()) / m_per_px;
+        let mut higher_px = (met.height_m - look.high_m()) / m_per_px;
+        if half_of_it == Half::Far {
+            if higher_px < OVER_NEAR_PX {
+                continue;
+            }
+            // A line of sight meets the body's surface twice.
+            let far_m = 2.0 * at.1 * met.aside_rad.cos() - met.distance_m;
+            let height_m = met.height_m + f64::from(sample.ray.slope) * (far_m - met.distance_m);
+            higher_px = (height_m - look.high_m()) / sample.ray.m_per_px(far_m);
+        }
         if !(-REACH_PX[1]..=REACH_PX[0]).contains(&higher_px) {
             continue;
         }
@@ -421,14 +454,20 @@ fn crossings(
         let (higher_px, variance_px2, step, noise) = step_at(pixels, starts_px)?;
         Some(Crossing { aside_rad: aside / n, higher_px, variance_px2, step, noise, px_per_rad: scale / n })
     };
-    columns.iter().zip(&sums).step_by(every).filter_map(crossing).collect()
+    let asked = columns.iter().step_by(every).filter(|pixels| tells(pixels)).count();
+    (columns.iter().zip(&sums).step_by(every).filter_map(crossing).collect(), asked)
+}
+
+/// Whether a column has pixels enough on either side.
+fn tells(pixels: &[(f64, f64)]) -> bool {
+    let below = pixels.iter().filter(|(x, _)| *x < -1.0).count();
+    let above = pixels.iter().filter(|(x, _)| *x > 1.0).count();
+    below >= 2 && above >= 2
 }
 
 /// A blurred step in one column: place, variance of the place, height of the step, residual.
 pub(super) fn step_at(pixels: &[(f64, f64)], starts_px: &[f64]) -> Option<(f64, f64, f64, f64)> {
-    let below = pixels.iter().filter(|(x, _)| *x < -1.0).count();
-    let above = pixels.iter().filter(|(x, _)| *x > 1.0).count();
-    if below < 2 || above < 2 {
+    if !tells(pixels) {
         return None;
     }
     let mut best: Option<(f64, f64, f64, f64)> = None;

@@ -3,6 +3,8 @@
 //! A camera on top of a robot looks down on its fellows: what stands behind one shows above it. So a body hides a sector only
 //! below its own upper end, and somebody right behind is measured by what shows over it.
 
+use protocol::angle::difference;
+
 use super::geometry;
 use super::rays::PixelRay;
 
@@ -33,6 +35,13 @@ impl Occluder {
     /// Whether it fills this bearing up to its upper end.
     pub fn is_at(&self, bearing_rad: f64) -> bool {
         geometry::is_within(self.sector_rad, bearing_rad)
+    }
+
+    /// The share of a body's width in its sector, where that shows at this bearing, half as wide.
+    pub fn hidden_share(&self, bearing_rad: f64, half_rad: f64) -> f32 {
+        let from = |end: f64| difference(self.sector_rad[usize::from(end > 0.0)], bearing_rad);
+        let hidden = from(1.0).min(half_rad) - from(-1.0).max(-half_rad);
+        (hidden / (2.0 * half_rad)).clamp(0.0, 1.0) as f32
     }
 
     /// Whether a pixel sees it, or may.

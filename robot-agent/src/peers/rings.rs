@@ -52,6 +52,9 @@ const ROUGH_STEP: [f64; 2] = [2e-4, 6e-4];
 const FINE_STEP: [f64; 2] = [1e-5, 3e-5];
 /// Black is seen in columns as strong as this share of the strongest.
 const BLACK_GAIN: f64 = 0.75;
+/// A bar that is so many columns wide is told from the ground; mixed columns are hidden ones where there are so many of them, over more.
+const RESOLVED_BAR: f64 = 2.5;
+const LEAST_HIDDEN: usize = 3;
 /// Sensor noise is never taken to be below this, grey levels (rounding alone is 0.29).
 const LEAST_NOISE: f64 = 0.5;
 
@@ -88,6 +91,8 @@ pub struct RingFit {
     pub edges_seen: usize,
     /// From the marker's upper end alone (`super::near`).
     pub is_rim: bool,
+    /// Of such a one, the share of the columns in which the far side of that end is where it should be.
+    pub lid: f64,
 }
 
 /// One column of the body.
@@ -279,13 +284,13 @@ pub fn fit(samples: &[Sample], look: &CylinderLook, start: (f64, f64), noise2: f
         if round == 0 {
             // Most candidates show no ring at all.
             accumulate(samples, &pixels, columns, look, &state, blunt, Sums::Shown, &mut grams);
-            if judge(&grams, noise2, round, look.is_barred()).visible < hopeless_start {
+            if judge(&grams, noise2, round, bar_columns(look, &state, columns)).visible < hopeless_start {
                 return None;
             }
         }
         for step in 0..STEPS {
             accumulate(samples, &pixels, columns, look, &state, blunt, Sums::All, &mut grams);
-            let shown = judge(&grams, noise2, round, look.is_barred());
+            let shown = judge(&grams, noise2, round, bar_columns(look, &state, columns));
             let solved = solve(&grams, &shown.columns, &state, look, m, BEND_HELD)?;
             let free = !(round == 0 && step < 2);
             let scale = if free { 1.0 } else { 0.7 };
@@ -349,6 +354,7 @@ pub fn fit(samples: &[Sample], look: &CylinderLook, start: (f64, f64), noise2: f
         bend,
         edges_seen,
         is_rim: false,
+        lid: 0.0,
     })
 }
 
@@ -477,8 +483,18 @@ struct Shown {
     noise: f64,
 }
 
-/// Which columns show the rings; on a body with bars also their negative, and a column on a bar's border shows neither.
-fn judge(grams: &Grams, noise2: f64, round: usize, is_barred: bool) -> Shown {
+/// The narrowest bar of a team that wears bars, in the middle of the body, columns of which so many lie over it.
+fn bar_columns(look: &CylinderLook, state: &State, columns: usize) -> Option<f64> {
+    let worn = look.patterns.iter().filter(|pattern| !pattern.bars.is_empty());
+    let narrowest_rad = worn.map(|pattern| pattern.narrowest_rad).min_by(f64::total_cmp)?;
+    let half = Cylinder::new(state.bearing_rad, state.near_m + look.radius_m, look.radius_m).outline_rad;
+    Some(narrowest_rad * look.radius_m / state.near_m * columns as f64 / (2.0 * half))
+}
+
+/// Which columns show the rings; on a body with bars, of which the narrowest is so many columns wide, also their negative, and a column on
+/// a bar's border shows neither.
+fn judge(grams: &Grams, noise2: f64, round: usize, bar_columns: Option<f64>) -> Shown {
+    let is_barred = bar_columns.is_some();
     let mut columns = vec![Column::default(); grams.counts.len()];
     let mut measured = 0i32;
     let least = if round == 0 { LEAST_CORRELATION - 0.2 } else { LEAST_CORRELATION };
@@ -519,9 +535,12 @@ fn judge(grams: &Grams, noise2: f64, round: usize, is_barred: bool) -> Shown {
     }
     let noise = median(&mut rests);
     let typical = noise.max(LEAST_NOISE);
-    for (column, rest) in columns.iter_mut().zip(&residuals).filter(|_| is_barred) {
-        column.is_mixed = column.correlation != 0.0 && !column.visible && *rest <= 3.0 * typical;
-        measured -= i32::from(column.is_mixed);
+    if let Some(bar_columns) = bar_columns {
+        for (column, rest) in columns.iter_mut().zip(&residuals) {
+            column.is_mixed = column.correlation != 0.0 && !column.visible && *rest <= 3.0 * typical;
+        }
+        hide_what_no_border_mixes(&mut columns, bar_columns);
+        measured -= columns.iter().filter(|column| column.is_mixed).count() as i32;
     }
     // A column that an occluder or a shadow touches fits worse than its fellows.
     for (column, rest) in columns.iter_mut().zip(&residuals) {
@@ -539,6 +558,25 @@ fn judge(grams: &Grams, noise2: f64, round: usize, is_barred: bool) -> Shown {
         noise: typical,
         columns,
     }
+}
+
+/// The border of a bar mixes a column or two; where more of them show neither rings nor their negative, though the bars are wide enough to be
+/// told apart there, something without a pattern of its own stands before the body.
+fn hide_what_no_border_mixes(columns: &mut [Column], bar_columns: f64) {
+    let n = columns.len() as f64;
+    let is_resolved = |c: &&usize| {
+        let sine = 2.0 * (**c as f64 + 0.5) / n - 1.0;
+        bar_columns * (1.0 - sine * sine).sqrt() >= RESOLVED_BAR
+    };
+    let is_too_long = |run: &&[usize]| {
+        let resolved: Vec<&usize> = run.iter().filter(is_resolved).collect();
+        let over = resolved.first().zip(resolved.last()).map_or(0, |(first, last)| *last - *first);
+        resolved.len() >= LEAST_HIDDEN && over >= LEAST_HIDDEN
+    };
+    let measured: Vec<usize> = (0..columns.len()).filter(|c| columns[*c].correlation != 0.0).collect();
+    let runs = measured.chunk_by(|a, b| columns[*a].is_mixed && columns[*b].is_mixed);
+    let hidden: Vec<usize> = runs.filter(is_too_long).flatten().copied().collect();
+    hidden.into_iter().for_each(|c| columns[c].is_mixed = false);
 }
 
 /// Squares about the mean of n pixels less what noise has in them, as far as it is known; never less than a small noise.

@@ -28,10 +28,10 @@ const LEAST_SUPPORT: f32 = 0.22;
 const LEAST_WORTH: f32 = 0.12;
 /// Most places that bodies before them hide in part; least share of such a place's strips that are hidden, and that are not.
 const MAX_BEHIND: usize = 8;
-const LEAST_HIDDEN: f32 = 0.1;
+pub(super) const LEAST_HIDDEN: f32 = 0.1;
 const LEAST_UNHIDDEN: f32 = 0.35;
 /// Gray levels per unit of reflectance below which nothing is a ring.
-const LEAST_GAIN: f32 = 15.0;
+const LEAST_GAIN: f32 = 9.0;
 /// Sensor noise and rounding in the panorama, squared grey levels.
 const NOISE2: f32 = 4.0;
 /// Rows at a ring's edge that the blur mixes.

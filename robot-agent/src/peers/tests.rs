@@ -204,6 +204,42 @@ fn robots_half_behind_other_robots_are_found_where_they_are() {
 }
 
 #[test]
+fn every_fit_says_something_of_each_trait() {
+    let mut scene = Scene::room(51, 1.0);
+    scene.pillars.extend(test_scene::robot(1.4, 0.9));
+    scene.pillars.extend(test_scene::robot(-0.6, -0.5));
+    let raw = scene.picture(2.0, 51);
+    let mut detector =
+        PeerDetector::for_team(&camera(), grid(), &[coded("r2", 0.0), (RobotId::new("r4").ok(), marker())]);
+    detector.take_fits();
+    detector.detect(&raw, &test_scene::panorama(&raw));
+    let fits = detector.take_fits();
+    for basis in [Basis::Rings, Basis::CylinderEnd] {
+        assert!(fits.iter().any(|fit| fit.traits.basis == basis), "{basis:?}");
+    }
+    for fit in &fits {
+        assert_eq!(fit.traits.values.len(), fit.traits.basis.names().len(), "{:?}", fit.traits.basis);
+        assert!(fit.traits.values.iter().all(|value| value.is_finite()), "{fit:?}");
+    }
+}
+
+#[test]
+fn a_robot_with_bars_is_read_beside_a_dark_leg_before_its_middle() {
+    for (seed, (bearing, range, aside)) in (60..).zip([(0.5_f64, 2.4_f64, 0.0), (0.5, 1.5, 0.03), (-2.0, 3.0, -0.02)]) {
+        // As even and as dark as the bars' black, and wider than any of their borders.
+        let leg = post((bearing + aside, 0.7 * range), 0.035, 0.75, test_scene::Paint::Plain(0.1));
+        let peers = sighted_bars(seed, &[(bearing, range, 1.3)], vec![leg]);
+        assert_eq!(peers.len(), 1, "{range} m: {peers:?}");
+        let peer = &peers[0];
+        assert_eq!(peer.kind, Marker::BARS, "{range} m");
+        let error = nalgebra::Vector2::new(difference(peer.bearing_rad, bearing), peer.range_m - range);
+        let chi2 = (error.transpose() * peer.covariance.try_inverse().unwrap() * error)[0];
+        assert!(chi2 < 13.8 && (peer.range_m / range - 1.0).abs() < 0.02, "{range} m: {chi2} {peer:?}");
+        assert!(peer.robot.is_none_or(|robot| robot.to_string() == "r2"), "{range} m: {:?}", peer.robot);
+    }
+}
+
+#[test]
 fn a_half_hidden_plain_robot_is_found_in_a_team_that_wears_bars() {
     let (x, y) = (1.9_f64, 1.1_f64);
     let (bearing, range) = (y.atan2(x), x.hypot(y));

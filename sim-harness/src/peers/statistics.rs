@@ -238,7 +238,7 @@ fn missed(view: &View, likeliest: Option<&Traits>) -> String {
 
 /// What was fitted, and what spoke most against its being a robot.
 pub(super) fn doubt(traits: &Traits) -> String {
-    let mut against: Vec<(&str, f64)> = traits.terms().collect();
+    let mut against = traits.terms();
     against.sort_by(|a, b| a.1.total_cmp(&b.1));
     let against: Vec<String> =
         against.iter().take(MOST_DOUBTS).map(|(name, nats)| format!("{name} {nats:.1}")).collect();

@@ -52,20 +52,40 @@ fn a_plate_so_near_that_one_stripe_shows_is_placed_between_what_front_and_back_w
     assert_place(&near, 0.68, 0.05..0.09);
 }
 
-/// The one peer that a robot sees in an empty room: one with a plate, so far straight ahead, its front turned to it.
-fn plate_seen(range_m: f64) -> robot_agent::peers::Peer {
+/// An empty room in which a robot sees others at (ahead, aside), metres, the first of which wears a plate, its front turned to it.
+fn seen_behind_a_plate(places_m: &[[f64; 2]], pictures: usize) -> Vec<Vec<robot_agent::peers::Peer>> {
     let mut scenario = Scenario::builtin("default").unwrap().unwrap();
     scenario.room.furniture.clear();
-    scenario.robots.count = 2;
-    scenario.robots.poses = vec![[-3.0, 0.0, 0.0], [range_m - 3.0, 0.0, 180.0]];
+    scenario.robots.count = 1 + places_m.len();
+    let others = places_m.iter().map(|[ahead_m, aside_m]| [ahead_m - 3.0, *aside_m, 180.0]);
+    scenario.robots.poses = std::iter::once([-3.0, 0.0, 0.0]).chain(others).collect();
     scenario.robots.drives.clear();
     let marker = WearSpec::Plate { width_m: 0.4, left_edge_m: 0.2, behind_m: 0.06 };
     scenario.robots.wear = vec![WearOf { robot: scenario.robot_ids()[1], marker, beacon: None }];
     scenario.people.count = 0;
     let eyes = Eyes::of(&scenario.camera).unwrap();
-    let mut seen = trial::follow(&eyes, &scenario, 1).concat();
+    trial::follow(&eyes, &scenario, pictures)
+}
+
+/// The one peer that is to be seen: one with a plate, so far straight ahead.
+fn plate_seen(range_m: f64) -> robot_agent::peers::Peer {
+    let mut seen = seen_behind_a_plate(&[[range_m, 0.0]], 1).concat();
     assert_eq!(seen.len(), 1, "{seen:?}");
     seen.remove(0)
+}
+
+#[test]
+fn a_robot_behind_a_plate_is_found_and_followed_by_what_the_plate_leaves_of_it() {
+    let place_m = [1.35_f64, 0.28];
+    let seen = seen_behind_a_plate(&[[0.9, 0.0], place_m], 4);
+    for (n, peers) in seen.iter().enumerate() {
+        assert_eq!(peers.len(), 2, "picture {n}: {peers:?}");
+        let peer = peers.iter().find(|peer| peer.kind == protocol::marker::Marker::CYLINDER).unwrap();
+        let (bearing, range) = (place_m[1].atan2(place_m[0]), place_m[0].hypot(place_m[1]));
+        let error = nalgebra::Vector2::new(peer.bearing_rad - bearing, peer.range_m - range);
+        let chi2 = (error.transpose() * peer.covariance.try_inverse().unwrap() * error)[0];
+        assert!(chi2 < 13.8, "picture {n}: {chi2} {peer:?}");
+    }
 }
 
 /// Within three sigmas of a place straight ahead, and the range's sigma as it should be.
@@ -78,8 +98,18 @@ fn assert_place(peer: &robot_agent::peers::Peer, range_m: f64, sigma_m: std::ops
 #[test]
 fn a_miss_says_what_spoke_most_against_a_robot() {
     use robot_agent::peers::Basis;
-    // Only one trait is there, and much of it: paint that should be black is bright.
-    let values = Basis::Rings.names().map(|name| if name == "black" { 10.0 } else { 0.0 }).collect();
+    // All is as it should be, but that paint which should be black is bright.
+    let value = |name: &str| match name {
+        "black" => 0.5,
+        "correlation" | "paint" | "contrast" => 4.0,
+        "visible" => 1.0,
+        "outlines" | "bars" => 2.0,
+        "range" => 2.0,
+        "width" => 3.5,
+        "bend unknown" => -3.0,
+        _ => 0.0,
+    };
+    let values = Basis::Rings.names().iter().map(|name| value(name)).collect();
     let text = statistics::doubt(&Traits { basis: Basis::Rings, values });
-    assert!(text.starts_with("Rings fit, log-odds -") && text.contains(": black -"), "{text}");
+    assert!(text.starts_with("Rings fit, log-odds ") && text.contains(": black -"), "{text}");
 }

@@ -1,6 +1,6 @@
-//! What tells a robot from what only looks like one: the weights of the detector's verdict, learnt from labelled fits.
+//! What tells a robot from what only looks like one: the trees of the detector's verdict, learnt from labelled fits ([`boost`]).
 //!
-//! Logistic regression by Newton's method with a small ridge, on traits brought to unit spread. What the detector fitted is labelled by
+//! What the detector fitted is labelled by
 //! the truth: a robot where the fit's place is within χ²₂'s 99.99 % of one's that looks like it (a cylinder or a plate), none where
 //! there is none near. A plate that is not where it is said to be is as bad as no plate; such a cylinder teaches nothing.
 
@@ -8,22 +8,20 @@ use std::fmt::Write as _;
 use std::io::{BufRead, Write as _};
 use std::path::Path;
 
-use nalgebra::{DMatrix, DVector, Vector2};
+use nalgebra::Vector2;
 use robot_agent::peers::{Basis, Fit};
 use serde::{Deserialize, Serialize};
 
 use super::PeersError;
+use super::boost::{self, Tree};
 use super::trial::{Kind, View, turned};
 
 /// Squared sigmas within which a fit's bearing and range are a robot's (χ²₂ at 99.99 %).
 const RIGHT_CHI2: f64 = 18.4;
-/// Weight of the ridge: that of so many examples at the edge of doubt.
-const RIDGE: f64 = 0.5;
-const MOST_STEPS: usize = 30;
-/// Log-odds are worked out up to this.
-const MOST_LOG_ODDS: f64 = 30.0;
 /// Fewest examples of either label.
 const LEAST_EXAMPLES: usize = 50;
+/// Rooms are judged by trees that were grown without every so manieth of them.
+const FOLDS: u64 = 5;
 
 /// A labelled fit, a line of JSON in a file of fits.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -84,7 +82,7 @@ pub fn read(path: &Path) -> Result<Vec<Example>, PeersError> {
         let example: Example = serde_json::from_str(&line).map_err(|e| {
             failed(&format_args!("line {}: {e}; lines as `sim-harness peers --fits` writes them", n + 1))
         })?;
-        let traits = example.basis.names().count();
+        let traits = example.basis.names().len();
         if example.traits.len() != traits || example.traits.iter().any(|t| !t.is_finite()) {
             let why =
                 format!("line {}: `traits` are {:?}; {traits} finite numbers would be right", n + 1, example.traits);
@@ -95,9 +93,18 @@ pub fn read(path: &Path) -> Result<Vec<Example>, PeersError> {
     Ok(examples)
 }
 
-/// The weights that explain the labels best, as tables for `credible.rs`, with what they and the detector's verdict tell apart.
-pub fn learn(examples: &[Example]) -> Result<String, PeersError> {
+/// The trees that explain the labels best.
+pub struct Learnt {
+    /// How well they tell apart what they were not grown from, beside the detector's verdict, for people.
+    pub text: String,
+    /// Of each basis.
+    pub trees: Vec<(Basis, Vec<Tree>)>,
+}
+
+/// Learns from labelled fits.
+pub fn learn(examples: &[Example]) -> Result<Learnt, PeersError> {
     let mut text = String::new();
+    let mut trees = Vec::new();
     for basis in Basis::ALL {
         let of: Vec<(&Example, bool)> =
             examples.iter().filter(|e| e.basis == basis).filter_map(|e| Some((e, e.is_robot?))).collect();
@@ -108,61 +115,46 @@ pub fn learn(examples: &[Example]) -> Result<String, PeersError> {
                 "of {basis:?} there are {robots} fits of robots and {others} others; at least {LEAST_EXAMPLES} of each would be right"
             )));
         }
-        let rows: Vec<(&[f64], bool)> = of.iter().map(|(e, is_robot)| (&e.traits[..], *is_robot)).collect();
-        let weights =
-            regress(&rows).ok_or_else(|| PeersError(format!("the weights of {basis:?} are not determined")))?;
-        let _ = writeln!(text, "{basis:?}: {robots} fits of robots, {others} others");
-        for (name, weight) in basis.names().zip(weights.iter()) {
-            let _ = writeln!(text, "    (\"{name}\", {weight:.3}),");
-        }
-        let count = |taken: &dyn Fn(&Example) -> bool| {
-            let with = |robot: bool| of.iter().filter(|(e, is_robot)| *is_robot == robot && taken(e)).count();
-            (with(true), with(false))
+        let grown = |from: &dyn Fn(&Example) -> bool| {
+            let rows = of.iter().filter(|(e, _)| from(e)).map(|(e, is_robot)| (&e.traits[..], *is_robot));
+            boost::grow(&rows.collect::<Vec<_>>())
         };
-        let (now_robots, now_others) = count(&|e| e.is_taken);
-        let _ = writeln!(text, "  taken by the detector: {now_robots} robots, {now_others} others");
-        for least in [0.0, 0.5, 1.0, 1.5, 2.0, 3.0] {
-            let odds = |e: &Example| e.traits.iter().zip(weights.iter()).map(|(t, w)| t * w).sum::<f64>();
-            let (robots, others) = count(&|e| odds(e) >= least);
-            let _ = writeln!(text, "  log-odds of {least:.1} and more: {robots} robots, {others} others");
+        let mut judged: Vec<(f64, bool)> = Vec::new();
+        for fold in 0..FOLDS {
+            let trees = grown(&|e| e.seed % FOLDS != fold);
+            let unseen = of.iter().filter(|(e, _)| e.seed % FOLDS == fold);
+            judged.extend(unseen.map(|(e, is_robot)| (boost::sum(&trees, &e.traits), *is_robot)));
         }
+        let _ = writeln!(text, "{basis:?}: {robots} fits of robots, {others} others");
+        let taken = |robot: bool| of.iter().filter(|(e, is_robot)| *is_robot == robot && e.is_taken).count();
+        let _ = writeln!(text, "  taken by the detector: {} robots, {} others", taken(true), taken(false));
+        for least in [-1.0, 0.0, 0.5, 1.2, 2.0, 3.0, 4.0] {
+            let count = |robot: bool| judged.iter().filter(|(odds, is)| *is == robot && *odds >= least).count();
+            let (robots, others) = (count(true), count(false));
+            let _ = writeln!(text, "  log-odds of {least:.1} and more, rooms unseen: {robots} robots, {others} others");
+        }
+        trees.push((basis, grown(&|_| true)));
     }
-    Ok(text)
+    Ok(Learnt { text, trees })
 }
 
-/// Weights of traits, the first of which is always 1.
-fn regress(rows: &[(&[f64], bool)]) -> Option<DVector<f64>> {
-    let n = rows.first()?.0.len();
-    let mean = |k: usize| rows.iter().map(|(t, _)| t[k]).sum::<f64>() / rows.len() as f64;
-    let middle: Vec<f64> = (0..n).map(|k| if k == 0 { 0.0 } else { mean(k) }).collect();
-    let spread: Vec<f64> = (0..n)
-        .map(|k| {
-            let square = rows.iter().map(|(t, _)| (t[k] - middle[k]).powi(2)).sum::<f64>();
-            (square / rows.len() as f64).sqrt().max(1e-6)
-        })
-        .collect();
-    let spread: Vec<f64> = spread.into_iter().enumerate().map(|(k, s)| if k == 0 { 1.0 } else { s }).collect();
-    let mut weights = DVector::<f64>::zeros(n);
-    for _ in 0..MOST_STEPS {
-        let mut information = DMatrix::<f64>::identity(n, n) * RIDGE;
-        let mut gradient = -RIDGE * &weights;
-        (information[(0, 0)], gradient[0]) = (1e-9, 0.0);
-        for (traits, is_robot) in rows {
-            let row = DVector::from_fn(n, |k, _| (traits[k] - middle[k]) / spread[k]);
-            let odds = weights.dot(&row).clamp(-MOST_LOG_ODDS, MOST_LOG_ODDS);
-            let likely = 1.0 / (1.0 + (-odds).exp());
-            gradient.axpy(f64::from(u8::from(*is_robot)) - likely, &row, 1.0);
-            information.ger((likely * (1.0 - likely)).max(1e-9), &row, &row, 1.0);
+/// Writes the trees where the detector reads them, a file a basis, a tree a line.
+pub fn write_trees(dir: &Path, learnt: &Learnt) -> Result<(), PeersError> {
+    for (basis, trees) in &learnt.trees {
+        let name = serde_json::to_value(basis).ok().and_then(|name| Some(format!("{}.in", name.as_str()?)));
+        let path = dir.join(name.unwrap_or_default());
+        let mut text = "&[\n".to_owned();
+        for tree in trees {
+            let nodes: Vec<String> = tree
+                .iter()
+                .map(|(of, least, nats, [first, second])| format!("({of}, {least:?}, {nats:.4}, [{first}, {second}])"))
+                .collect();
+            let _ = writeln!(text, "    &[{}],", nodes.join(", "));
         }
-        let step = information.cholesky()?.solve(&gradient);
-        weights += &step;
-        if step.amax() < 1e-6 {
-            break;
-        }
+        text.push_str("]\n");
+        std::fs::write(&path, text).map_err(|e| PeersError(format!("{}: {e}", path.display())))?;
     }
-    let mut weights = DVector::from_fn(n, |k, _| weights[k] / spread[k]);
-    weights[0] -= (1..n).map(|k| weights[k] * middle[k]).sum::<f64>();
-    Some(weights)
+    Ok(())
 }
 
 #[cfg(test)]
@@ -170,27 +162,8 @@ mod tests {
     use super::*;
 
     #[test]
-    fn weights_are_those_that_the_labels_were_drawn_with() {
-        use rand::{RngExt, SeedableRng};
-        let mut rng = rand_chacha::ChaCha12Rng::seed_from_u64(5);
-        let truth = [-1.0, 2.0, -0.5];
-        let drawn: Vec<([f64; 3], bool)> = (0..20_000)
-            .map(|_| {
-                let traits = [1.0, rng.random_range(-1.0..2.0), rng.random_range(0.0..9.0)];
-                let odds: f64 = traits.iter().zip(truth).map(|(t, w)| t * w).sum();
-                (traits, rng.random_bool(1.0 / (1.0 + (-odds).exp())))
-            })
-            .collect();
-        let rows: Vec<(&[f64], bool)> = drawn.iter().map(|(t, is)| (&t[..], *is)).collect();
-        let weights = regress(&rows).unwrap();
-        for (found, true_weight) in weights.iter().zip(truth) {
-            assert!((found - true_weight).abs() < 0.12, "{weights}");
-        }
-    }
-
-    #[test]
     fn too_few_fits_and_lines_that_are_none_are_told() {
-        let error = learn(&[]).unwrap_err().to_string();
+        let error = learn(&[]).err().unwrap().to_string();
         assert!(error.contains("0 fits of robots"), "{error}");
         let path = std::env::temp_dir().join(format!("fits-{}.jsonl", std::process::id()));
         std::fs::write(&path, "{\"seed\":1}\n").unwrap();

@@ -31,24 +31,23 @@ impl CylinderFinder {
         shown as f64 > WHOLE_SIDE * few as f64
     }
 
-    /// Sectors [right, left] at either side in which something else than rings shows: somebody stands before that side.
-    pub(super) fn hidden_sides(rings: &RingFit) -> Vec<[f64; 2]> {
+    /// Sectors [right, left] in which something else than rings shows: somebody stands there.
+    pub(super) fn hidden_sectors(rings: &RingFit) -> Vec<[f64; 2]> {
         let shows = |c: &Column| c.visible || c.is_mixed;
-        let (Some(first), Some(last)) = (rings.columns.iter().position(shows), rings.columns.iter().rposition(shows))
-        else {
-            return Vec::new();
-        };
-        let measured = |c: &&Column| c.correlation != 0.0;
+        let measured: Vec<usize> = (0..rings.columns.len()).filter(|c| rings.columns[*c].correlation != 0.0).collect();
+        let (Some(first), Some(last)) = (measured.first(), measured.last()) else { return Vec::new() };
         let (half, n) = (rings.half_rad, rings.columns.len() as f64);
         let at = |border: usize| rings.bearing_rad - half + 2.0 * half * border as f64 / n;
-        let mut sides = Vec::new();
-        if rings.columns[..first].iter().filter(measured).count() >= LEAST_HIDDEN {
-            sides.push([at(0) - half, at(first)]);
-        }
-        if rings.columns[last + 1..].iter().filter(measured).count() >= LEAST_HIDDEN {
-            sides.push([at(last + 1), at(rings.columns.len()) + half]);
-        }
-        sides
+        let is_hidden = |c: usize| !shows(&rings.columns[c]);
+        let runs = measured.chunk_by(|a, b| is_hidden(*a) == is_hidden(*b));
+        let sector = |run: &[usize]| {
+            let (from, to) = (*run.first()?, *run.last()?);
+            // At the outlines nobody knows.
+            let right = if from == *first { at(0) - half } else { at(from) };
+            let left = if to == *last { at(rings.columns.len()) + half } else { at(to + 1) };
+            (is_hidden(from) && run.len() >= LEAST_HIDDEN).then_some([right, left])
+        };
+        runs.filter_map(sector).collect()
     }
 
     /// Where an outline is missing somebody may stand before the bars next to it: name and heading must be the same without them.
@@ -61,7 +60,7 @@ impl CylinderFinder {
     ) -> Reading {
         let [left, right] =
             [(left, Side::Left), (right, Side::Right)].map(|(seen, side)| seen || Self::shows_up_to(rings, side));
-        if left && right || !(reading.is_named || reading.has_heading) {
+        if left && right || !reading.is_named {
             return reading;
         }
         let half = rings.cylinder(self.look.radius_m).outline_rad;
@@ -79,6 +78,7 @@ impl CylinderFinder {
                 && protocol::angle::difference(again.heading_rad[0], reading.heading_rad[0]).abs() < SAME_HEADING_RAD
         });
         reading.is_named &= again.as_ref().is_some_and(|again| again.is_named);
+        reading.is_clear &= again.as_ref().is_some_and(|again| again.is_clear);
         reading.has_heading &= again.is_some_and(|again| again.has_heading);
         reading
     }

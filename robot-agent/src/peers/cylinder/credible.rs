@@ -1,64 +1,61 @@
 //! What speaks for and against a cylinder's being a robot ([`super::super::verdict`]).
 
 use super::super::rings::RingFit;
-use super::super::verdict::{Basis, Traits, Weight};
+use super::super::verdict::{Basis, Traits, lack};
 use super::{BEND_GATE, CylinderFinder, Found, Part, height_sigma_m};
 use crate::optics::MountedCamera;
 
 /// Of bodies of which rings are seen.
-pub(in super::super) const RINGS: [Weight; 18] = [
-    ("any", -4.094),
+pub(in super::super) const RINGS: [&str; 18] = [
     // Share of the columns that show the rings.
-    ("visible", 0.788),
+    "visible",
+    // −ln of what their mean correlation with the rings lacks to 1.
+    "correlation",
     // −ln of the RMS error of the reflectances.
-    ("paint", 0.232),
-    // Gray level of black over white's less black's, 0 … 0.4: black paint is nearly black.
-    ("black", -10.115),
-    // The bend's squared distance from a cylinder's in sigmas, 0 … 16, and ln of its sigma: a test that could not fail says nothing.
-    ("bend", -0.204),
-    ("bend unknown", -0.650),
-    // One outline, a second one, and how far they are from where the rings put them, pixels squared.
-    ("outline", 1.860),
-    ("two outlines", 1.944),
-    ("outlines' way", -0.804),
-    // What does not fit of the bars, 0 … 4; no other pattern would do; it is a body without bars in a team with bars; bars that are
-    // measured by themselves, 0 … 3.
-    ("bars' misfit", -0.280),
-    ("bars are certain", 1.258),
-    ("no bars", -0.295),
-    ("bars", 1.703),
-    // Nobody in the team wears bars.
-    ("plain team", 0.564),
-    // Metres beyond 4 m.
-    ("far", -0.824),
+    "paint",
+    // Gray level of black over white's less black's: black paint is nearly black.
+    "black",
+    // The bend's squared distance from a cylinder's in sigmas, and ln of its sigma: a test that could not fail says nothing.
+    "bend",
+    "bend unknown",
+    // How many outlines there are, and how far they are from where the rings put them, pixels squared.
+    "outlines",
+    "outlines' way",
+    // What does not fit of the bars; no other pattern would do; it is a body without bars in a team with bars; bars that are measured by
+    // themselves; nobody in the team wears bars.
+    "bars' misfit",
+    "bars are certain",
+    "no bars",
+    "bars",
+    "plain team",
+    // To the axis, metres, and ln of the body's width, pixels.
+    "range",
+    "width",
     // The upper part alone.
-    ("upper part", -0.900),
-    // Squared sigmas by which it stands too low or high, 0 … 9.
-    ("height", -0.465),
+    "upper part",
+    // Squared sigmas by which it stands too low or high.
+    "height",
     // ln of contrast over noise.
-    ("contrast", 0.530),
+    "contrast",
 ];
 /// Of bodies so near that the marker's upper end alone is seen ([`super::super::near`]).
-pub(in super::super) const END: [Weight; 15] = [
-    ("any", -29.985),
-    // Share of the columns in which the upper end is where the curve says, what is missing to 0.75, and tenths above 0.9.
-    ("visible", 19.288),
-    ("hardly visible", 29.270),
-    ("wholly visible", 0.949),
-    ("outline", 3.673),
-    ("two outlines", 5.015),
-    ("outlines' way", -0.783),
-    // Bars were read at all.
-    ("bars are read", 2.475),
-    ("bars' misfit", -0.916),
-    // No other name would do.
-    ("named", 3.391),
-    ("no bars", -3.025),
-    ("bars", 1.445),
-    ("plain team", 0.615),
+pub(in super::super) const END: [&str; 13] = [
+    // Share of the columns in which the upper end is where the curve says, and of those in which its far side is where it should be.
+    "visible",
+    "lid",
+    "outlines",
+    "outlines' way",
+    // Bars were read at all, what does not fit of them, and no other name would do.
+    "bars are read",
+    "bars' misfit",
+    "named",
+    "no bars",
+    "bars",
+    "plain team",
+    "range",
     // Metres beyond where a ring edge comes into view.
-    ("ring edge", 0.870),
-    ("contrast", 1.733),
+    "ring edge",
+    "contrast",
 ];
 /// Beyond, a body of 0.2 m is 14 pixels wide and much looks like it, metres.
 const FARTHEST_M: f64 = 6.2;
@@ -94,32 +91,27 @@ impl CylinderFinder {
         let range_m = rings.near_m + look.radius_m;
         let reading = found.reading.as_ref();
         let way = |fit: &super::EdgeFit| (fit.outwards_rad * fit.px_per_rad).clamp(-MOST_WAY_PX, MOST_WAY_PX).powi(2);
-        let outlines = [
-            given(found.outlines() > 0),
-            given(found.outlines() == 2),
-            found.left.iter().chain(&found.right).map(way).sum::<f64>(),
-        ];
-        let misfit = reading.map_or(0.0, |r| r.misfit.min(4.0));
+        let outlines = [found.outlines() as f64, found.left.iter().chain(&found.right).map(way).sum::<f64>()];
+        let misfit = reading.map_or(0.0, |r| r.misfit);
         let has_none = given(reading.is_some_and(|r| look.patterns[r.pattern].bars.is_empty()));
-        let bars = reading.map_or(0.0, |r| r.bars.len().min(3) as f64);
+        let bars = reading.map_or(0.0, |r| r.bars.len() as f64);
         let is_plain_team = given(!look.is_barred());
         let contrast = (rings.gain.max(0.1) / rings.noise.max(0.3)).ln();
         let values = if rings.is_rim {
             let named = given(reading.is_some_and(|r| r.is_named));
-            let visible = [rings.visible, (0.75 - rings.visible).max(0.0), 10.0 * (rings.visible - 0.9).max(0.0)];
             let read = [given(reading.is_some()), misfit, named, has_none, bars, is_plain_team];
             let beyond = range_m - self.reach.one_edge_m;
-            [&[1.0][..], &visible, &outlines, &read, &[beyond, contrast]].concat()
+            [&[rings.visible, rings.lid][..], &outlines, &read, &[range_m, beyond, contrast]].concat()
         } else {
             let [bend, sigma] = rings.bend;
             let bent = (0.5 * BEND_GATE - bend.abs()).min(0.0).powi(2) / (sigma * sigma + 0.03 * 0.03);
             let low = (rings.lower_m / height_sigma_m(rings, camera).max(0.004)).powi(2);
-            let paint = [-(rings.paint_error(look) + 0.01).ln(), rings.black(look).clamp(0.0, 0.4)];
+            let seen =
+                [rings.visible, lack(rings.correlation), -(rings.paint_error(look) + 0.01).ln(), rings.black(look)];
             let certain = given(reading.is_some_and(|r| r.is_certain));
             let read = [misfit, certain, has_none, bars, is_plain_team];
-            let place = [(range_m - 4.0).max(0.0), given(self.part == Part::Upper), low.min(9.0)];
-            let bend = [bent.min(16.0), sigma.max(0.02).ln()];
-            [&[1.0, rings.visible][..], &paint, &bend, &outlines, &read, &place, &[contrast]].concat()
+            let place = [range_m, (rings.columns.len() as f64).ln(), given(self.part == Part::Upper), low];
+            [&seen[..], &[bent, sigma.max(0.02).ln()], &outlines, &read, &place, &[contrast]].concat()
         };
         Traits { basis: if rings.is_rim { Basis::CylinderEnd } else { Basis::Rings }, values }
     }
