@@ -295,17 +295,17 @@ impl PeerDetector {
             let panorama = panorama.filter(|p| p.len() == finder.panorama_len());
             plates.extend(finder.find(&self.camera, &mut self.rays, raw, panorama, stream, known));
         }
+        // Plates beyond doubt may hide what stands behind them.
+        let (sure, possible): (Vec<Find>, Vec<Find>) = plates.into_iter().partition(|f| f.log_odds >= LEAST_LOG_ODDS);
         let since = found.len();
-        found.append(&mut plates);
-        // Plates may hide what stands behind them.
-        if found.len() > since {
-            for finder in &mut self.finders {
-                let plates: Vec<&Find> = found[since..].iter().filter(|find| find.log_odds >= LEAST_LOG_ODDS).collect();
-                let behind =
-                    finder.find_behind(&self.camera, &mut self.rays, raw, (&plates, panorama.is_some()), &found);
-                found.extend(behind);
-            }
+        let is_more = !sure.is_empty();
+        found.extend(sure);
+        for finder in self.finders.iter_mut().filter(|_| is_more) {
+            let is_searched = panorama.is_some_and(|p| p.len() == finder.panorama_len());
+            let behind = finder.find_behind(&self.camera, &mut self.rays, raw, is_searched, (&found, since));
+            found.extend(behind);
         }
+        found.extend(possible);
         let mut peers = as_announced(without_doubles(found), self.announced_plates);
         peers.sort_by(|a, b| a.bearing_rad.total_cmp(&b.bearing_rad));
         peers

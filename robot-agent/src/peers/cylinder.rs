@@ -26,7 +26,7 @@ use super::occluder::Occluder;
 use super::rays::{PixelRays, Sample};
 use super::refusals::Refusals;
 use super::rings::{self, RingFit};
-use super::search::{self, Candidate, Grid, Search};
+use super::search::{self, Candidate, Grid, Hider, Search};
 use super::verdict::{Fit, Fits};
 use super::{Before, Find, Peer, PeerFeature};
 use crate::optics::MountedCamera;
@@ -104,8 +104,9 @@ pub struct CylinderFinder {
     part: Part,
     search: Search,
     near_search: NearSearch,
-    /// Where somebody was expected or an upper end may be in the picture at hand: worth another look once it is known who stands before.
-    hideable: Vec<Candidate>,
+    /// Where somebody was expected or an upper end may be in the picture at hand, and how many robots had been found in it when this was
+    /// looked at: worth another look if one that was found later stands before it.
+    hideable: Vec<(Candidate, usize)>,
     reach: Reach,
     samples: Vec<Sample>,
     /// Of the sensor in the picture at hand, squared grey levels.
@@ -210,70 +211,69 @@ impl CylinderFinder {
                 seen_rad: [*bearing_rad; 2],
                 known: true,
                 rim: None,
-                is_behind: false,
+                behind: None,
             })
             .collect();
-        self.hideable.clone_from(&candidates);
+        let mut hideable = vec![true; candidates.len()];
         if let Some(panorama) = panorama {
             self.refusals.begin_search(stream);
             candidates.extend(self.search.run(panorama));
+            hideable.resize(candidates.len(), false);
             if self.part == Part::Whole {
-                let near = self.near_search.run(panorama);
-                candidates.extend_from_slice(&near);
-                self.hideable.extend(near);
+                candidates.extend(self.near_search.run(panorama));
+                hideable.resize(candidates.len(), true);
             }
         }
         self.noise2 = rays.noise2();
         self.looks = 0;
         let mut accepted: Vec<Find> = Vec::new();
-        self.add_found(camera, rays, raw, &candidates, before, &mut accepted);
-        let occluders: Vec<Occluder> = before.iter().chain(&accepted).map(|find| occluder(camera, find)).collect();
-        self.add_behind(camera, rays, raw, (&occluders, panorama.is_some()), before, &mut accepted);
+        let found = self.add_found(camera, rays, raw, &candidates, before, &mut accepted);
+        let looked_at = candidates.into_iter().zip(found).zip(hideable);
+        self.hideable = looked_at.filter(|(_, is_hideable)| *is_hideable).map(|(looked_at, _)| looked_at).collect();
+        if self.part == Part::Whole {
+            let all: Vec<Occluder> = before.iter().chain(&accepted).map(|find| occluder(camera, find)).collect();
+            let mut behind = if panorama.is_some() { self.search.behind(&all, Hider::Body) } else { Vec::new() };
+            let own = &all[before.len()..];
+            behind.extend(self.hidden_by(Hider::Body, |seen| own.get(seen..).unwrap_or_default()));
+            self.add_found(camera, rays, raw, &behind, before, &mut accepted);
+        }
         accepted
     }
 
     /// The robots in the picture that [`CylinderFinder::find`] had last, with a panorama or without (`is_searched`), that nobody has found
-    /// `before`, because those that others have found `since` stand before them.
+    /// `before`, because those from `since` on, which others have found, stand before them.
     pub fn find_behind(
         &mut self,
         camera: &MountedCamera,
         rays: &mut PixelRays,
         raw: &[u8],
-        (since, is_searched): (&[&Find], bool),
-        before: &[Find],
+        is_searched: bool,
+        (before, since): (&[Find], usize),
     ) -> Vec<Find> {
-        let occluders: Vec<Occluder> = since.iter().map(|find| occluder(camera, find)).collect();
         let mut accepted = Vec::new();
-        self.add_behind(camera, rays, raw, (&occluders, is_searched), before, &mut accepted);
+        if self.part == Part::Whole {
+            let all: Vec<Occluder> = before.iter().map(|find| occluder(camera, find)).collect();
+            let mut behind = if is_searched { self.search.behind(&all, Hider::Plate) } else { Vec::new() };
+            behind.extend(self.hidden_by(Hider::Plate, |_| &all[since..]));
+            self.add_found(camera, rays, raw, &behind, before, &mut accepted);
+        }
         accepted
     }
 
-    /// Adds the robots that show beside and above those before them.
-    fn add_behind(
-        &mut self,
-        camera: &MountedCamera,
-        rays: &mut PixelRays,
-        raw: &[u8],
-        (occluders, is_searched): (&[Occluder], bool),
-        before: &[Find],
-        accepted: &mut Vec<Find>,
-    ) {
-        if self.part != Part::Whole {
-            return;
-        }
-        let mut behind = if is_searched { self.search.behind(occluders) } else { Vec::new() };
-        let is_behind = |candidate: &&Candidate| {
+    /// The places that somebody hides in part who was not known when they were looked at: `later` gives those by how many were.
+    fn hidden_by<'a>(&self, hider: Hider, later: impl Fn(usize) -> &'a [Occluder]) -> Vec<Candidate> {
+        let is_hidden = |(candidate, seen): &&(Candidate, usize)| {
             let half = outline_rad(self.look.radius_m, candidate.range_m);
-            occluders.iter().any(|o| {
+            later(*seen).iter().any(|o| {
                 o.range_m < candidate.range_m && o.hidden_share(candidate.bearing_rad, half) > search::LEAST_HIDDEN
             })
         };
-        let hideable = self.hideable.iter().filter(is_behind);
-        behind.extend(hideable.map(|candidate| Candidate { is_behind: true, ..*candidate }));
-        self.add_found(camera, rays, raw, &behind, before, accepted);
+        let hidden = self.hideable.iter().filter(is_hidden);
+        hidden.map(|(candidate, _)| Candidate { behind: Some(hider), ..*candidate }).collect()
     }
 
-    /// Adds the robots that candidates are to those `accepted`; of two in one place the one that is surer stays.
+    /// Adds the robots that candidates are to those `accepted`; of two in one place the one that is surer stays. How many there were when
+    /// each was looked at.
     fn add_found(
         &mut self,
         camera: &MountedCamera,
@@ -282,8 +282,10 @@ impl CylinderFinder {
         candidates: &[Candidate],
         before: &[Find],
         accepted: &mut Vec<Find>,
-    ) {
+    ) -> Vec<usize> {
+        let mut found = Vec::with_capacity(candidates.len());
         for candidate in candidates {
+            found.push(accepted.len());
             let Some(find) = self.look_at(camera, rays, raw, candidate, (before, accepted)) else { continue };
             let twin = accepted.iter().position(|other| overlap(&other.peer, &find.peer, &self.look));
             match twin {
@@ -293,6 +295,7 @@ impl CylinderFinder {
                 None => {}
             }
         }
+        found
     }
 
     /// The robot that a candidate is, unless it has been found already.
@@ -605,6 +608,21 @@ impl CylinderFinder {
         // One sigma for both ends: the larger axis of their covariance, so that nobody takes them for better than they are.
         let white = elevation_covariance.symmetric_eigenvalues().max().max(0.0).sqrt();
         let mut elevation = Some((elevation_rad, white.hypot(elevation_floor), elevation_floor));
+        // Without both outlines the rest must carry the answer, and is as doubtful as it fits badly.
+        let widening = match seen {
+            2 => 1.0,
+            _ => {
+                let bend = rings.bend[0] / rings.bend[1].max(0.5 * BEND_GATE);
+                let by_bars = match &found.reading {
+                    Some(reading) if reading.is_clear => reading.misfit.max(1.0),
+                    Some(reading) => reading.misfit.max(UNCLEAR),
+                    None if look.is_barred() => UNCLEAR,
+                    None => 1.0,
+                };
+                by_bars * (0.5 * bend).powi(2).max(1.0)
+            }
+        };
+        let wide = widening.sqrt();
         let mut features = Vec::new();
         for (part, edge) in [(FeaturePart::Right, right), (FeaturePart::Left, left)] {
             if let Some((bearing_rad, white, floor)) = edge {
@@ -612,25 +630,15 @@ impl CylinderFinder {
                 features.push(PeerFeature {
                     part,
                     bearing_rad,
-                    sigma_rad: white.hypot(floor),
-                    floor_rad: floor,
+                    sigma_rad: wide * white.hypot(floor),
+                    floor_rad: wide * floor,
                     elevation_rad: elevation.map(|e| e.0),
-                    elevation_sigma_rad: elevation.map_or(0.0, |e| e.1),
-                    elevation_floor_rad: elevation.map_or(0.0, |e| e.2),
+                    elevation_sigma_rad: elevation.map_or(0.0, |e| wide * e.1),
+                    elevation_floor_rad: elevation.map_or(0.0, |e| wide * e.2),
                 });
             }
         }
         features.splice(features.len().min(1)..features.len().min(1), self.bar_features(found.reading.as_ref()));
-        // Without both outlines the rest must carry the answer, and is as doubtful as it fits badly.
-        let widening = match seen {
-            2 => 1.0,
-            _ => {
-                let bend = rings.bend[0] / rings.bend[1].max(0.5 * BEND_GATE);
-                let by_bars =
-                    found.reading.as_ref().map_or(1.0, |r| r.misfit.max(if r.is_clear { 1.0 } else { UNCLEAR }));
-                by_bars * (0.5 * bend).powi(2).max(1.0)
-            }
-        };
         let evidence_share = [0.6, 0.85, 1.0][seen];
         let pattern = found.reading.as_ref().map(|reading| (&look.patterns[reading.pattern], reading));
         Some(Peer {
@@ -673,6 +681,7 @@ impl CylinderFinder {
                 elevation_floor_rad: 0.0,
             }
         };
+        let reading = reading.filter(|reading| reading.is_clear);
         reading.map_or(Vec::new(), |reading| reading.whole_bars().map(|s| feature(s, reading.has_heading)).collect())
     }
 
@@ -736,8 +745,14 @@ fn mount(camera: &MountedCamera) -> Mount {
 
 /// What a body that was found hides.
 fn occluder(camera: &MountedCamera, find: &Find) -> Occluder {
-    let size_m = [find.half_m, find.high_m];
-    Occluder::new(find.peer.bearing_rad, find.peer.range_m, size_m, camera.viewpoint_body_m().z)
+    let (peer, height_m) = (&find.peer, camera.viewpoint_body_m().z);
+    match peer.features[..] {
+        // A plate whose sides were measured, the right one first.
+        [right, left] if peer.kind == Marker::RECTANGLE => {
+            Occluder::sheet([right.bearing_rad, left.bearing_rad], peer.range_m, find.high_m, height_m)
+        }
+        _ => Occluder::new(peer.bearing_rad, peer.range_m, [find.half_m, find.high_m], height_m),
+    }
 }
 
 /// Whether two peers cannot both be there.

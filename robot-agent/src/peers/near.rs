@@ -215,7 +215,7 @@ impl NearSearch {
                     seen_rad: [bearing_rad; 2],
                     known: false,
                     rim: Some(rim),
-                    is_behind: false,
+                    behind: None,
                 }
             })
             .collect()
@@ -436,10 +436,10 @@ fn crossings(
             if higher_px < OVER_NEAR_PX {
                 continue;
             }
-            // A line of sight meets the body's surface twice.
-            let far_m = 2.0 * at.1 * met.aside_rad.cos() - met.distance_m;
-            let height_m = met.height_m + f64::from(sample.ray.slope) * (far_m - met.distance_m);
-            higher_px = (height_m - look.high_m()) / sample.ray.m_per_px(far_m);
+            // A line of sight meets the body's surface twice, a chord apart.
+            let chord_m = 2.0 * look.radius_m * (1.0 - met.sine * met.sine).max(0.0).sqrt();
+            let height_m = met.height_m + f64::from(sample.ray.slope) * chord_m;
+            higher_px = (height_m - look.high_m()) / sample.ray.m_per_px(met.distance_m + chord_m);
         }
         if !(-REACH_PX[1]..=REACH_PX[0]).contains(&higher_px) {
             continue;

@@ -32,6 +32,11 @@ impl Occluder {
         Self { sector_rad: [bearing_rad - half, bearing_rad + half], range_m, top: rise / distance_m }
     }
 
+    /// An upright sheet of this height between these bearings, its robot at this range.
+    pub fn sheet(sector_rad: [f64; 2], range_m: f64, height_m: f64, camera_height_m: f64) -> Self {
+        Self { sector_rad, range_m, top: (height_m - camera_height_m) / range_m }
+    }
+
     /// Whether it fills this bearing up to its upper end.
     pub fn is_at(&self, bearing_rad: f64) -> bool {
         geometry::is_within(self.sector_rad, bearing_rad)

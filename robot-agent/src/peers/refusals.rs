@@ -9,6 +9,7 @@ use protocol::angle::difference;
 use protocol::time::Timestamp;
 
 use super::near::Rim;
+use super::search::Hider;
 
 /// A place is looked at again after so long, and after up to so much more, in so many steps. Seconds.
 const REST_S: f64 = 1.9;
@@ -46,8 +47,8 @@ pub(super) struct Place {
 pub(super) enum How {
     /// Rings, or the upper end of a cylinder's marker.
     Cylinder(Option<Rim>),
-    /// The same with what bodies before it hide left out.
-    Behind,
+    /// The same with what is before it left out.
+    Behind(Hider, Option<Rim>),
     /// Stripes of a plate.
     Stripes,
     /// The edge between the two upper stripes of a plate.

@@ -91,15 +91,24 @@ pub struct Candidate {
     pub known: bool,
     /// Found by the marker's upper end alone, which looks so.
     pub rim: Option<Rim>,
-    /// Bodies before it hide a part of it.
-    pub is_behind: bool,
+    /// Somebody before it hides a part of it.
+    pub behind: Option<Hider>,
+}
+
+/// What hides a part of a body.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Hider {
+    /// Bodies of cylinders.
+    Body,
+    /// Plates, too, which are looked for later.
+    Plate,
 }
 
 impl Candidate {
     /// For [`super::refusals`].
     pub(super) fn place(&self) -> Place {
         let Self { bearing_rad, range_m, support, .. } = *self;
-        let how = if self.is_behind { How::Behind } else { How::Cylinder(self.rim) };
+        let how = self.behind.map_or(How::Cylinder(self.rim), |hider| How::Behind(hider, self.rim));
         Place { how, bearing_rad, range_m, turn_rad: 0.0, support }
     }
 }
@@ -173,8 +182,8 @@ impl Search {
     }
 
     /// Candidates of the last [`Search::run`] that `occluders` hide in part, judged by what they do not: best first, at most
-    /// [`MAX_BEHIND`].
-    pub fn behind(&mut self, occluders: &[Occluder]) -> Vec<Candidate> {
+    /// [`MAX_BEHIND`]. In another call for the same panorama there must be all of these and more.
+    pub fn behind(&mut self, occluders: &[Occluder], hider: Hider) -> Vec<Candidate> {
         if occluders.is_empty() {
             return Vec::new();
         }
@@ -196,7 +205,7 @@ impl Search {
                 *support = if (LEAST_UNHIDDEN..1.0 - LEAST_HIDDEN).contains(share) { *support / share } else { 0.0 };
             }
         }
-        self.pick(MAX_BEHIND).into_iter().map(|candidate| Candidate { is_behind: true, ..candidate }).collect()
+        self.pick(MAX_BEHIND).into_iter().map(|candidate| Candidate { behind: Some(hider), ..candidate }).collect()
     }
 
     fn pick(&self, most: usize) -> Vec<Candidate> {
@@ -250,7 +259,7 @@ impl Search {
             seen_rad: [bearing((u as i64 + last) as f64), bearing((u as i64 + first) as f64)],
             known: false,
             rim: None,
-            is_behind: false,
+            behind: None,
         }
     }
 }

@@ -217,6 +217,10 @@ fn every_fit_says_something_of_each_trait() {
     for basis in [Basis::Rings, Basis::CylinderEnd] {
         assert!(fits.iter().any(|fit| fit.traits.basis == basis), "{basis:?}");
     }
+    // All but the mast shows the far side of the upper end.
+    let by_end = fits.iter().filter(|fit| fit.traits.basis == Basis::CylinderEnd && fit.is_taken);
+    let lid = by_end.map(|fit| fit.traits.values[1]).fold(0.0, f64::max);
+    assert!(Basis::CylinderEnd.names()[1] == "lid" && lid > 0.7, "{lid}");
     for fit in &fits {
         assert_eq!(fit.traits.values.len(), fit.traits.basis.names().len(), "{:?}", fit.traits.basis);
         assert!(fit.traits.values.iter().all(|value| value.is_finite()), "{fit:?}");
@@ -225,6 +229,7 @@ fn every_fit_says_something_of_each_trait() {
 
 #[test]
 fn a_robot_with_bars_is_read_beside_a_dark_leg_before_its_middle() {
+    let mut named = 0;
     for (seed, (bearing, range, aside)) in (60..).zip([(0.5_f64, 2.4_f64, 0.0), (0.5, 1.5, 0.03), (-2.0, 3.0, -0.02)]) {
         // As even and as dark as the bars' black, and wider than any of their borders.
         let leg = post((bearing + aside, 0.7 * range), 0.035, 0.75, test_scene::Paint::Plain(0.1));
@@ -236,7 +241,9 @@ fn a_robot_with_bars_is_read_beside_a_dark_leg_before_its_middle() {
         let chi2 = (error.transpose() * peer.covariance.try_inverse().unwrap() * error)[0];
         assert!(chi2 < 13.8 && (peer.range_m / range - 1.0).abs() < 0.02, "{range} m: {chi2} {peer:?}");
         assert!(peer.robot.is_none_or(|robot| robot.to_string() == "r2"), "{range} m: {:?}", peer.robot);
+        named += usize::from(peer.robot.is_some());
     }
+    assert!(named >= 1);
 }
 
 #[test]

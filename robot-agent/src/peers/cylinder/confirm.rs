@@ -35,19 +35,22 @@ impl CylinderFinder {
     pub(super) fn hidden_sectors(rings: &RingFit) -> Vec<[f64; 2]> {
         let shows = |c: &Column| c.visible || c.is_mixed;
         let measured: Vec<usize> = (0..rings.columns.len()).filter(|c| rings.columns[*c].correlation != 0.0).collect();
-        let (Some(first), Some(last)) = (measured.first(), measured.last()) else { return Vec::new() };
         let (half, n) = (rings.half_rad, rings.columns.len() as f64);
         let at = |border: usize| rings.bearing_rad - half + 2.0 * half * border as f64 / n;
         let is_hidden = |c: usize| !shows(&rings.columns[c]);
-        let runs = measured.chunk_by(|a, b| is_hidden(*a) == is_hidden(*b));
-        let sector = |run: &[usize]| {
-            let (from, to) = (*run.first()?, *run.last()?);
-            // At the outlines nobody knows.
-            let right = if from == *first { at(0) - half } else { at(from) };
-            let left = if to == *last { at(rings.columns.len()) + half } else { at(to + 1) };
-            (is_hidden(from) && run.len() >= LEAST_HIDDEN).then_some([right, left])
-        };
-        runs.filter_map(sector).collect()
+        let mut sectors = Vec::new();
+        let mut begin = 0;
+        for run in measured.chunk_by(|a, b| is_hidden(*a) == is_hidden(*b)) {
+            let end = begin + run.len();
+            if is_hidden(run[0]) && run.len() >= LEAST_HIDDEN {
+                // Up to the next columns that were looked at; at the outlines nobody knows.
+                let right = begin.checked_sub(1).map_or(at(0) - half, |shown| at(measured[shown] + 1));
+                let left = measured.get(end).map_or(at(rings.columns.len()) + half, |shown| at(*shown));
+                sectors.push([right, left]);
+            }
+            begin = end;
+        }
+        sectors
     }
 
     /// Where an outline is missing somebody may stand before the bars next to it: name and heading must be the same without them.
@@ -74,8 +77,10 @@ impl CylinderFinder {
             hidden.push([outer[0], inner[0]]);
         }
         let again = bars::read(samples, &self.look, rings, &hidden).filter(|again| {
-            again.pattern == reading.pattern
-                && protocol::angle::difference(again.heading_rad[0], reading.heading_rad[0]).abs() < SAME_HEADING_RAD
+            let period_rad = self.look.patterns[reading.pattern].period_rad;
+            let turned = again.heading_rad[0] - reading.heading_rad[0];
+            let turned = turned - period_rad * (turned / period_rad).round();
+            again.pattern == reading.pattern && turned.abs() < SAME_HEADING_RAD
         });
         reading.is_named &= again.as_ref().is_some_and(|again| again.is_named);
         reading.is_clear &= again.as_ref().is_some_and(|again| again.is_clear);
