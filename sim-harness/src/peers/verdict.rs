@@ -1,4 +1,4 @@
-//! What tells a robot from what only looks like one: the trees of the detector's verdict, learnt from labelled fits ([`boost`]).
+//! What tells a robot from what only looks like one: the trees of the detector's verdict, learnt from labelled fits (`boost`).
 //!
 //! What the detector fitted is labelled by
 //! the truth: a robot where the fit's place is within χ²₂'s 99.99 % of one's that looks like it (a cylinder or a plate), none where
