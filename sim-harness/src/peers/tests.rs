@@ -98,18 +98,22 @@ fn assert_place(peer: &robot_agent::peers::Peer, range_m: f64, sigma_m: std::ops
 #[test]
 fn a_miss_says_what_spoke_most_against_a_robot() {
     use robot_agent::peers::Basis;
-    // All is as it should be, but that paint which should be black is bright.
-    let value = |name: &str| match name {
-        "black" => 0.5,
-        "correlation" | "paint" | "contrast" => 4.0,
-        "visible" => 1.0,
-        "outlines" | "bars" => 2.0,
-        "range" => 2.0,
-        "width" => 3.5,
-        "bend unknown" => -3.0,
-        _ => 0.0,
+    // Much is as it should be; paint that should be black is or is not.
+    let with_black = |black: f64| {
+        let value = |name: &str| match name {
+            "black" => black,
+            "correlation" | "paint" | "contrast" => 4.0,
+            "visible" => 1.0,
+            "outlines" | "bars" | "range" => 2.0,
+            "width" => 3.5,
+            "bend unknown" => -3.0,
+            _ => 0.0,
+        };
+        Traits { basis: Basis::Rings, values: Basis::Rings.names().iter().map(|name| value(name)).collect() }
     };
-    let values = Basis::Rings.names().iter().map(|name| value(name)).collect();
-    let text = statistics::doubt(&Traits { basis: Basis::Rings, values });
-    assert!(text.starts_with("Rings fit, log-odds -") && text.contains(": black -"), "{text}");
+    let (dark, bright) = (with_black(0.0), with_black(0.5));
+    assert!(bright.log_odds() < dark.log_odds() - 2.0, "{} {}", bright.log_odds(), dark.log_odds());
+    let text = statistics::doubt(&bright);
+    assert!(text.starts_with("Rings fit, log-odds ") && text.contains(": black -"), "{text}");
+    assert!(!statistics::doubt(&dark).contains(": black -"));
 }
