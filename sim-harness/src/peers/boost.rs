@@ -64,6 +64,12 @@ impl Sums {
         self.curvature += curvature;
     }
 
+    fn join(&mut self, other: Self) {
+        self.n += other.n;
+        self.gradient += other.gradient;
+        self.curvature += other.curvature;
+    }
+
     fn less(self, other: Self) -> Self {
         Self {
             n: self.n - other.n,
@@ -195,16 +201,10 @@ impl Table {
             let mut bins = [Sums::default(); BINS];
             examples.iter().for_each(|e| bins[usize::from(self.bins[*of][*e as usize])].add(slopes[*e as usize]));
             let mut all = Sums::default();
-            bins.iter().for_each(|bin| {
-                all.n += bin.n;
-                all.gradient += bin.gradient;
-                all.curvature += bin.curvature;
-            });
+            bins.iter().for_each(|bin| all.join(*bin));
             let mut first = Sums::default();
             for from in 1..=self.edges[*of].len() {
-                first.n += bins[from - 1].n;
-                first.gradient += bins[from - 1].gradient;
-                first.curvature += bins[from - 1].curvature;
+                first.join(bins[from - 1]);
                 let second = all.less(first);
                 if first.n.min(second.n) < LEAST_EXAMPLES {
                     continue;
