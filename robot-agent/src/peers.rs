@@ -38,7 +38,7 @@ pub use cylinder::{EDGE_FLOOR_PX, ELEVATION_FLOOR_PX};
 pub use learn::{KnownView, LearnError, Learnt, learn};
 pub use search::Grid;
 use verdict::LEAST_LOG_ODDS;
-pub use verdict::{Basis, Fit, Node, Traits};
+pub use verdict::{Basis, Fit, Node, Traits, log_odds};
 
 use beacon::BeaconReader;
 use cylinder::{CylinderFinder, Part};
@@ -297,13 +297,14 @@ impl PeerDetector {
         }
         // Plates beyond doubt may hide what stands behind them.
         let (sure, possible): (Vec<Find>, Vec<Find>) = plates.into_iter().partition(|f| f.log_odds >= LEAST_LOG_ODDS);
-        let since = found.len();
-        let is_more = !sure.is_empty();
-        found.extend(sure);
-        for finder in self.finders.iter_mut().filter(|_| is_more) {
-            let is_searched = panorama.is_some_and(|p| p.len() == finder.panorama_len());
-            let behind = finder.find_behind(&self.camera, &mut self.rays, raw, is_searched, (&found, since));
-            found.extend(behind);
+        if !sure.is_empty() {
+            let since = found.len();
+            found.extend(sure);
+            for finder in &mut self.finders {
+                let is_searched = panorama.is_some_and(|p| p.len() == finder.panorama_len());
+                let behind = finder.find_behind(&self.camera, &mut self.rays, raw, is_searched, (&found, since));
+                found.extend(behind);
+            }
         }
         found.extend(possible);
         let mut peers = as_announced(without_doubles(found), self.announced_plates);

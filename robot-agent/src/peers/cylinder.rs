@@ -214,27 +214,23 @@ impl CylinderFinder {
                 behind: None,
             })
             .collect();
-        let mut hideable = vec![true; candidates.len()];
         if let Some(panorama) = panorama {
             self.refusals.begin_search(stream);
             candidates.extend(self.search.run(panorama));
-            hideable.resize(candidates.len(), false);
             if self.part == Part::Whole {
                 candidates.extend(self.near_search.run(panorama));
-                hideable.resize(candidates.len(), true);
             }
         }
         self.noise2 = rays.noise2();
         self.looks = 0;
         let mut accepted: Vec<Find> = Vec::new();
         let found = self.add_found(camera, rays, raw, &candidates, before, &mut accepted);
-        let looked_at = candidates.into_iter().zip(found).zip(hideable);
-        self.hideable = looked_at.filter(|(_, is_hideable)| *is_hideable).map(|(looked_at, _)| looked_at).collect();
+        let is_hideable = |(candidate, _): &(Candidate, usize)| candidate.known || candidate.rim.is_some();
+        self.hideable = candidates.into_iter().zip(found).filter(is_hideable).collect();
         if self.part == Part::Whole {
             let all: Vec<Occluder> = before.iter().chain(&accepted).map(|find| occluder(camera, find)).collect();
-            let mut behind = if panorama.is_some() { self.search.behind(&all, Hider::Body) } else { Vec::new() };
-            let own = &all[before.len()..];
-            behind.extend(self.hidden_by(Hider::Body, |seen| own.get(seen..).unwrap_or_default()));
+            let later = |found: usize| all.get(before.len() + found..).unwrap_or_default();
+            let behind = self.behind(Hider::Body, panorama.is_some(), &all, later);
             self.add_found(camera, rays, raw, &behind, before, &mut accepted);
         }
         accepted
@@ -253,23 +249,31 @@ impl CylinderFinder {
         let mut accepted = Vec::new();
         if self.part == Part::Whole {
             let all: Vec<Occluder> = before.iter().map(|find| occluder(camera, find)).collect();
-            let mut behind = if is_searched { self.search.behind(&all, Hider::Plate) } else { Vec::new() };
-            behind.extend(self.hidden_by(Hider::Plate, |_| &all[since..]));
+            let behind = self.behind(Hider::Plate, is_searched, &all, |_| &all[since..]);
             self.add_found(camera, rays, raw, &behind, before, &mut accepted);
         }
         accepted
     }
 
-    /// The places that somebody hides in part who was not known when they were looked at: `later` gives those by how many were.
-    fn hidden_by<'a>(&self, hider: Hider, later: impl Fn(usize) -> &'a [Occluder]) -> Vec<Candidate> {
-        let is_hidden = |(candidate, seen): &&(Candidate, usize)| {
+    /// The places that somebody hides in part: of a panorama that was searched, and those of which nobody knew when they were looked at
+    /// (`later` gives who was found after so many).
+    fn behind<'a>(
+        &mut self,
+        hider: Hider,
+        is_searched: bool,
+        all: &[Occluder],
+        later: impl Fn(usize) -> &'a [Occluder],
+    ) -> Vec<Candidate> {
+        let is_hidden = |(candidate, found): &&(Candidate, usize)| {
             let half = outline_rad(self.look.radius_m, candidate.range_m);
-            later(*seen).iter().any(|o| {
+            later(*found).iter().any(|o| {
                 o.range_m < candidate.range_m && o.hidden_share(candidate.bearing_rad, half) > search::LEAST_HIDDEN
             })
         };
+        let mut behind = if is_searched { self.search.behind(all, hider) } else { Vec::new() };
         let hidden = self.hideable.iter().filter(is_hidden);
-        hidden.map(|(candidate, _)| Candidate { behind: Some(hider), ..*candidate }).collect()
+        behind.extend(hidden.map(|(candidate, _)| Candidate { behind: Some(hider), ..*candidate }));
+        behind
     }
 
     /// Adds the robots that candidates are to those `accepted`; of two in one place the one that is surer stays. How many there were when
@@ -381,13 +385,16 @@ impl CylinderFinder {
             let (a, b) = (drop.atan2(nearest), drop.atan2(farthest));
             [a.min(b), a.max(b)]
         };
-        // The far side of the upper end is looked at, too, where that is all there is.
-        let by_end =
-            (candidate.rim.is_some() || candidate.known) && candidate.range_m < RANGE_SLACK * self.reach.two_edges_m;
-        let top = match by_end {
-            true => (self.look.high_m() - height).atan2(farthest + radius).max(end(self.look.high_m())[1]),
-            false => end(self.look.high_m())[1],
-        };
+        let worn = if self.look.is_barred() { Rim::Barred } else { Rim::Plain };
+        let rim = candidate
+            .rim
+            .or(candidate.known.then_some(worn))
+            .filter(|_| candidate.range_m < RANGE_SLACK * self.reach.two_edges_m);
+        let mut top = end(self.look.high_m())[1];
+        if rim.is_some() {
+            // The far side of the upper end is looked at, too.
+            top = top.max((self.look.high_m() - height).atan2(farthest + radius));
+        }
         let elevation = [
             (end(self.look.low_m())[0]).clamp(lowest, highest),
             (top + if candidate.range_m < NEAR_M { 0.03 } else { 0.01 }).clamp(lowest, highest),
@@ -399,11 +406,6 @@ impl CylinderFinder {
         if candidate.rim.is_none() {
             found = self.fit_best(&samples, camera, candidate, half, occluders);
         }
-        let worn = if self.look.is_barred() { Rim::Barred } else { Rim::Plain };
-        let rim = candidate
-            .rim
-            .or(candidate.known.then_some(worn))
-            .filter(|_| candidate.range_m < RANGE_SLACK * self.reach.two_edges_m);
         if let (Err(missed), Some(rim)) = (&found, rim) {
             let missed = *missed;
             found = near::fit(&samples, &self.look, height, (candidate.bearing_rad, candidate.range_m), rim)

@@ -287,7 +287,8 @@ pub fn fit(samples: &[Sample], look: &CylinderLook, height_m: f64, start: (f64, 
         let starts_px: &[f64] = if round < 2 { &[-1.5, 0.0, 1.5] } else { &[0.0] };
         // Most candidates are none: a third of the columns shows it.
         let every = if round == 0 { 3 } else { 1 };
-        let (crossings, _) = crossings(&samples, look, (bearing, range), Half::Near, starts_px, every);
+        let crossings = crossings(&samples, look, (bearing, range), Half::Near, starts_px, every);
+        let crossings: Vec<Crossing> = crossings.into_iter().flatten().collect();
         let asked = crossings.len();
         if asked < 8 {
             return None;
@@ -384,9 +385,9 @@ pub fn fit(samples: &[Sample], look: &CylinderLook, height_m: f64, start: (f64, 
 /// Share of the columns in which the picture has an edge where the far side of the upper end is, as of a body that ends there: a table's or
 /// a chair's front has none, or elsewhere. Its middle may be hidden by what the body carries.
 fn lid_shown(samples: &[Sample], look: &CylinderLook, at: (f64, f64)) -> f64 {
-    let (crossings, asked) = crossings(samples, look, at, Half::Far, &[0.0], 1);
-    let shown = crossings.iter().filter(|crossing| crossing.higher_px.abs() < MOST_LID_PX).count();
-    shown as f64 / asked.max(LEAST_LID_COLUMNS) as f64
+    let columns = crossings(samples, look, at, Half::Far, &[0.0], 1);
+    let shown = columns.iter().flatten().filter(|crossing| crossing.higher_px.abs() < MOST_LID_PX).count();
+    shown as f64 / columns.len().max(LEAST_LID_COLUMNS) as f64
 }
 
 /// The samples that the fit may come to need.
@@ -409,7 +410,7 @@ enum Half {
     Far,
 }
 
-/// Where the curve is in every `every`-th column of the picture that shows it; and how many of those could.
+/// Where the curve is in every `every`-th column of the picture that could show it.
 fn crossings(
     samples: &[Sample],
     look: &CylinderLook,
@@ -417,10 +418,10 @@ fn crossings(
     half_of_it: Half,
     starts_px: &[f64],
     every: usize,
-) -> (Vec<Crossing>, usize) {
+) -> Vec<Option<Crossing>> {
     let cylinder = Cylinder::new(at.0, at.1, look.radius_m);
     let half = cylinder.outline_rad;
-    let Some(scale) = samples.first().map(|s| f64::from(s.ray.px_per_bearing)) else { return (Vec::new(), 0) };
+    let Some(scale) = samples.first().map(|s| f64::from(s.ray.px_per_bearing)) else { return Vec::new() };
     let wide = (1.5 / scale).max(half / 40.0);
     let count = (2.0 * half / wide).ceil().max(1.0) as usize;
     let mut columns: Vec<Vec<(f64, f64)>> = vec![Vec::new(); count];
@@ -454,8 +455,7 @@ fn crossings(
         let (higher_px, variance_px2, step, noise) = step_at(pixels, starts_px)?;
         Some(Crossing { aside_rad: aside / n, higher_px, variance_px2, step, noise, px_per_rad: scale / n })
     };
-    let asked = columns.iter().step_by(every).filter(|pixels| tells(pixels)).count();
-    (columns.iter().zip(&sums).step_by(every).filter_map(crossing).collect(), asked)
+    columns.iter().zip(&sums).step_by(every).filter(|(pixels, _)| tells(pixels)).map(crossing).collect()
 }
 
 /// Whether a column has pixels enough on either side.

@@ -51,11 +51,15 @@ fn nearest(peers: &[Peer], bearing: f64) -> &Peer {
     peers.iter().min_by_key(distance).expect("no peer at all")
 }
 
-fn assert_consistent(peer: &Peer, bearing: f64, range: f64) {
+/// χ²₂ at 0.1 %.
+fn assert_place(peer: &Peer, bearing: f64, range: f64) {
     let error = nalgebra::Vector2::new(difference(peer.bearing_rad, bearing), peer.range_m - range);
     let nees = (error.transpose() * peer.covariance.try_inverse().unwrap() * error)[0];
-    // χ²₂ at 0.1 %.
     assert!(nees < 13.8, "{range} m: error {error:?}, nees {nees}");
+}
+
+fn assert_consistent(peer: &Peer, bearing: f64, range: f64) {
+    assert_place(peer, bearing, range);
     for feature in &peer.features {
         let sign = if feature.part == FeaturePart::Left { 1.0 } else { -1.0 };
         let error = difference(feature.bearing_rad, bearing + sign * (0.2 / range).asin());
@@ -237,9 +241,8 @@ fn a_robot_with_bars_is_read_beside_a_dark_leg_before_its_middle() {
         assert_eq!(peers.len(), 1, "{range} m: {peers:?}");
         let peer = &peers[0];
         assert_eq!(peer.kind, Marker::BARS, "{range} m");
-        let error = nalgebra::Vector2::new(difference(peer.bearing_rad, bearing), peer.range_m - range);
-        let chi2 = (error.transpose() * peer.covariance.try_inverse().unwrap() * error)[0];
-        assert!(chi2 < 13.8 && (peer.range_m / range - 1.0).abs() < 0.02, "{range} m: {chi2} {peer:?}");
+        assert_place(peer, bearing, range);
+        assert!((peer.range_m / range - 1.0).abs() < 0.02, "{range} m: {peer:?}");
         assert!(peer.robot.is_none_or(|robot| robot.to_string() == "r2"), "{range} m: {:?}", peer.robot);
         named += usize::from(peer.robot.is_some());
     }

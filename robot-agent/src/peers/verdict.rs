@@ -16,8 +16,8 @@ mod forest;
 
 use serde::{Deserialize, Serialize};
 
-pub use forest::Node;
 use forest::Tree;
+pub use forest::{Node, log_odds};
 
 use super::{Peer, cylinder, plate};
 
@@ -72,6 +72,11 @@ impl Basis {
     }
 }
 
+/// 1 for what is, 0 for what is not.
+pub(super) fn given(is: bool) -> f64 {
+    f64::from(u8::from(is))
+}
+
 /// −ln of what a correlation lacks to 1.
 pub(super) fn lack(correlation: f64) -> f64 {
     -(1.005 - correlation).ln()
@@ -89,7 +94,7 @@ pub struct Traits {
 impl Traits {
     /// ln of the odds that it is a robot.
     pub fn log_odds(&self) -> f64 {
-        forest::sum(self.basis.trees(), &self.values)
+        log_odds(self.basis.trees(), &self.values)
     }
 
     /// What each trait says for a robot, nats; together with what is known before any, the log-odds.

@@ -104,21 +104,6 @@ pub fn grow(rows: &[(&[f64], bool)]) -> Vec<Tree> {
     trees
 }
 
-/// What trees say together.
-pub fn sum(trees: &[Tree], traits: &[f64]) -> f64 {
-    let leaf = |tree: &Tree| {
-        let mut at = 0;
-        loop {
-            let (of, least, nats, branches) = tree[at];
-            at = usize::from(branches[usize::from(traits[usize::from(of)] as f32 >= least)]);
-            if at == 0 {
-                return f64::from(nats);
-            }
-        }
-    };
-    trees.iter().map(leaf).sum()
-}
-
 impl Table {
     fn of(rows: &[(&[f64], bool)]) -> Self {
         let traits = rows.first().map_or(0, |(traits, _)| traits.len());
@@ -223,6 +208,7 @@ impl Table {
 mod tests {
     use super::*;
     use rand::RngExt;
+    use robot_agent::peers::log_odds;
 
     /// True where both traits are on the same side of a half, nine times in ten; a third trait says nothing.
     fn drawn(n: usize, seed: u64) -> Vec<([f64; 3], bool)> {
@@ -242,7 +228,7 @@ mod tests {
         let trees = grow(&rows);
         let (mut right, mut surprise, others) = (0, 0.0, drawn(4000, 2));
         for (traits, is) in &others {
-            let odds = sum(&trees, traits);
+            let odds = log_odds(&trees, traits);
             right += usize::from((odds > 0.0) == *is);
             surprise += (1.0 + (if *is { -odds } else { odds }).exp()).ln();
         }
@@ -256,6 +242,6 @@ mod tests {
         let rows: Vec<(&[f64], bool)> = vec![(&[1.0], true), (&[1.0], false), (&[1.0], true)];
         let trees = grow(&rows);
         assert!(trees.iter().all(|tree| tree.len() == 1));
-        assert!((sum(&trees, &[1.0]) - (2.5f64 / 1.5).ln()).abs() < 0.2);
+        assert!((log_odds(&trees, &[1.0]) - (2.5f64 / 1.5).ln()).abs() < 0.2);
     }
 }

@@ -81,17 +81,20 @@ fn a_robot_behind_a_plate_is_found_and_followed_by_what_the_plate_leaves_of_it()
     for (n, peers) in seen.iter().enumerate() {
         assert_eq!(peers.len(), 2, "picture {n}: {peers:?}");
         let peer = peers.iter().find(|peer| peer.kind == protocol::marker::Marker::CYLINDER).unwrap();
-        let (bearing, range) = (place_m[1].atan2(place_m[0]), place_m[0].hypot(place_m[1]));
-        let error = nalgebra::Vector2::new(peer.bearing_rad - bearing, peer.range_m - range);
-        let chi2 = (error.transpose() * peer.covariance.try_inverse().unwrap() * error)[0];
+        let chi2 = chi2(peer, (place_m[1].atan2(place_m[0]), place_m[0].hypot(place_m[1])));
         assert!(chi2 < 13.8, "picture {n}: {chi2} {peer:?}");
     }
 }
 
+/// Squared sigmas from a place (bearing, range).
+fn chi2(peer: &robot_agent::peers::Peer, (bearing, range): (f64, f64)) -> f64 {
+    let error = nalgebra::Vector2::new(peer.bearing_rad - bearing, peer.range_m - range);
+    (error.transpose() * peer.covariance.try_inverse().unwrap() * error)[0]
+}
+
 /// Within three sigmas of a place straight ahead, and the range's sigma as it should be.
 fn assert_place(peer: &robot_agent::peers::Peer, range_m: f64, sigma_m: std::ops::Range<f64>) {
-    let error = nalgebra::Vector2::new(peer.bearing_rad, peer.range_m - range_m);
-    let chi2 = (error.transpose() * peer.covariance.try_inverse().unwrap() * error)[0];
+    let chi2 = chi2(peer, (0.0, range_m));
     assert!(chi2 < 11.8 && sigma_m.contains(&peer.range_sigma_m()), "{chi2} {peer:?}");
 }
 

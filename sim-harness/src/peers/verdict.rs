@@ -1,7 +1,6 @@
 //! What tells a robot from what only looks like one: the trees of the detector's verdict, learnt from labelled fits (`boost`).
 //!
-//! What the detector fitted is labelled by
-//! the truth: a robot where the fit's place is within χ²₂'s 99.99 % of one's that looks like it (a cylinder or a plate), none where
+//! What the detector fitted is labelled by the truth: a robot where the fit's place is within χ²₂'s 99.99 % of one's that looks like it (a cylinder or a plate), none where
 //! there is none near. A plate that is not where it is said to be is as bad as no plate; such a cylinder teaches nothing.
 
 use std::fmt::Write as _;
@@ -9,7 +8,7 @@ use std::io::{BufRead, Write as _};
 use std::path::Path;
 
 use nalgebra::Vector2;
-use robot_agent::peers::{Basis, Fit};
+use robot_agent::peers::{Basis, Fit, log_odds};
 use serde::{Deserialize, Serialize};
 
 use super::PeersError;
@@ -123,7 +122,7 @@ pub fn learn(examples: &[Example]) -> Result<Learnt, PeersError> {
         for fold in 0..FOLDS {
             let trees = grown(&|e| e.seed % FOLDS != fold);
             let unseen = of.iter().filter(|(e, _)| e.seed % FOLDS == fold);
-            judged.extend(unseen.map(|(e, is_robot)| (boost::sum(&trees, &e.traits), *is_robot)));
+            judged.extend(unseen.map(|(e, is_robot)| (log_odds(&trees, &e.traits), *is_robot)));
         }
         let _ = writeln!(text, "{basis:?}: {robots} fits of robots, {others} others");
         let taken = |robot: bool| of.iter().filter(|(e, is_robot)| *is_robot == robot && e.is_taken).count();

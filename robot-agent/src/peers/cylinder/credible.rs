@@ -1,7 +1,7 @@
 //! What speaks for and against a cylinder's being a robot ([`super::super::verdict`]).
 
 use super::super::rings::RingFit;
-use super::super::verdict::{Basis, Traits, lack};
+use super::super::verdict::{Basis, Traits, given, lack};
 use super::{BEND_GATE, CylinderFinder, Found, Part, height_sigma_m};
 use crate::optics::MountedCamera;
 
@@ -87,7 +87,6 @@ impl CylinderFinder {
     /// What speaks for and against it.
     pub(super) fn traits(&self, camera: &MountedCamera, found: &Found) -> Traits {
         let (look, rings) = (&self.look, &found.rings);
-        let given = |is: bool| f64::from(u8::from(is));
         let range_m = rings.near_m + look.radius_m;
         let reading = found.reading.as_ref();
         let way = |fit: &super::EdgeFit| (fit.outwards_rad * fit.px_per_rad).clamp(-MOST_WAY_PX, MOST_WAY_PX).powi(2);

@@ -3,7 +3,7 @@
 use protocol::angle::difference;
 
 use super::super::rays::Sample;
-use super::super::verdict::{Basis, Traits, lack};
+use super::super::verdict::{Basis, Traits, given, lack};
 use super::ends::End;
 use super::plane::PlaneFit;
 use super::rim::SideShown;
@@ -92,10 +92,6 @@ const BESIDE_SHARE: f64 = 0.2;
 /// From so far beside a side on, pixels.
 const OUT_PX: f64 = 3.0;
 
-fn given(is: bool) -> f64 {
-    f64::from(u8::from(is))
-}
-
 /// The bend's squared distance from a plane's, and ln of its sigma.
 fn bend([bend, sigma]: [f64; 2]) -> [f64; 2] {
     let beyond = (bend.abs() - BENT).max(0.0);
@@ -137,7 +133,8 @@ impl PlateFinder {
     ) -> Traits {
         let [right, left] = [posed.right.0, posed.left.0];
         let beside = BESIDE_SHARE * difference(left, right);
-        let out = OUT_PX / samples.first().map_or(200.0, |s| f64::from(s.ray.px_per_bearing));
+        let px_per_rad = samples.first().map_or(200.0, |s| f64::from(s.ray.px_per_bearing));
+        let out = OUT_PX / px_per_rad;
         let share = |from: f64, to: f64| self.share_of_stripes(samples, fit, from, to);
         let of_fit = [lack(fit.correlation), fit.black];
         let chi2 = [fit.flat_chi2(), posed.chi2, height_chi2];
@@ -147,7 +144,7 @@ impl PlateFinder {
             share(right - out - beside, right - out).max(share(left + out, left + out + beside)),
             1.0 - share(right + out, left - out),
         ];
-        let columns = difference(left, right) * samples.first().map_or(200.0, |s| f64::from(s.ray.px_per_bearing));
+        let columns = difference(left, right) * px_per_rad;
         let rest = [
             given(height == Height::ByEnd),
             given(height == Height::Announced),

@@ -16,9 +16,9 @@ fn path<'a>(tree: &'a [Node], traits: &'a [f64]) -> impl Iterator<Item = &'a Nod
     })
 }
 
-/// What the trees say together.
-pub(super) fn sum(trees: &[Tree], traits: &[f64]) -> f64 {
-    let leaf = |tree: &&[Node]| path(tree, traits).last().map_or(0.0, |(_, _, nats, _)| f64::from(*nats));
+/// What trees say together of something with these traits.
+pub fn log_odds<T: AsRef<[Node]>>(trees: &[T], traits: &[f64]) -> f64 {
+    let leaf = |tree: &T| path(tree.as_ref(), traits).last().map_or(0.0, |(_, _, nats, _)| f64::from(*nats));
     trees.iter().map(leaf).sum()
 }
 
@@ -54,11 +54,11 @@ mod tests {
 
     #[test]
     fn trees_are_walked_to_their_leaves_and_say_which_trait_took_them_there() {
-        assert!((sum(TWO, &[9.0, 0.0]) + 0.75).abs() < 1e-6);
-        assert!((sum(TWO, &[2.0, 0.5]) - 0.45).abs() < 1e-6);
-        assert!((sum(TWO, &[3.0, 0.5]) - 2.25).abs() < 1e-6);
+        assert!((log_odds(TWO, &[9.0, 0.0]) + 0.75).abs() < 1e-6);
+        assert!((log_odds(TWO, &[2.0, 0.5]) - 0.45).abs() < 1e-6);
+        assert!((log_odds(TWO, &[3.0, 0.5]) - 2.25).abs() < 1e-6);
         let said = terms(TWO, &[3.0, 0.5]);
         assert!((said[1] - 0.3).abs() < 1e-6 && (said[0] - 1.6).abs() < 1e-6, "{said:?}");
-        assert!((sum(TWO, &[f64::NAN, f64::NAN]) + 0.75).abs() < 1e-6);
+        assert!((log_odds(TWO, &[f64::NAN, f64::NAN]) + 0.75).abs() < 1e-6);
     }
 }
