@@ -24,6 +24,7 @@ mod rays;
 mod refusals;
 mod rings;
 mod search;
+mod shades;
 mod verdict;
 
 use nalgebra::Matrix2;

@@ -41,7 +41,7 @@ const WORST_RIM_COST: f64 = 1.2;
 /// Of a body of which the upper end was fitted alone, half of the columns with rings in view, if there are so many, correlate with
 /// them like this.
 const LEAST_RINGED: usize = 8;
-const LEAST_RINGED_CORRELATION: f64 = 0.8;
+const LEAST_RINGED_CORRELATION: f64 = 0.6;
 /// A reading so good whose rivals cost this much more is of bars and nothing else.
 const WORST_CERTAIN: f64 = 2.5;
 const CERTAIN_COST: f64 = 60.0;
@@ -72,6 +72,8 @@ pub struct Reading {
     pub is_clear: bool,
     /// What does not fit, a column of the body: 1 is noise.
     pub misfit: f64,
+    /// Half of the columns in which rings are in view correlate with them at least like this; 1 where there are too few to say.
+    pub ringed: f64,
     /// Whether it is bars beyond all doubt: every other pattern fits worse by far.
     pub is_certain: bool,
     /// Bars that are measured by themselves, right to left.
@@ -184,11 +186,17 @@ struct Hypothesis {
     cost: f64,
 }
 
-/// Reads the bars of a body whose rings were fitted. `None` where no known pattern is to be seen.
-pub fn read(samples: &[Sample], look: &CylinderLook, rings: &RingFit, hidden: &[[f64; 2]]) -> Option<Reading> {
+/// Reads the bars of a body whose rings were fitted. `noise2` is the sensor's. `None` where no known pattern is to be seen.
+pub fn read(
+    samples: &[Sample],
+    look: &CylinderLook,
+    rings: &RingFit,
+    noise2: f64,
+    hidden: &[[f64; 2]],
+) -> Option<Reading> {
     let geometry =
         Geometry { bearing_rad: rings.bearing_rad, range_m: rings.near_m + look.radius_m, radius_m: look.radius_m };
-    let columns = columns(samples, look, rings, hidden);
+    let columns = columns(samples, look, rings, noise2, hidden);
     if columns.len() < 4 {
         return None;
     }
@@ -198,7 +206,8 @@ pub fn read(samples: &[Sample], look: &CylinderLook, rings: &RingFit, hidden: &[
     let level = sizes[sizes.len() * 3 / 4];
     // Where rings were not fitted the columns in which some are in view must show them.
     let mut ringed: Vec<f64> = columns.iter().filter(|c| c.shown[0] == 0.0).map(|c| c.correlation).collect();
-    if rings.is_rim && ringed.len() >= LEAST_RINGED && median(&mut ringed) < LEAST_RINGED_CORRELATION {
+    let ringed = if ringed.len() < LEAST_RINGED { 1.0 } else { median(&mut ringed) };
+    if rings.end.is_some() && ringed < LEAST_RINGED_CORRELATION {
         return None;
     }
     let coarse = Coarse::new(&columns, &geometry);
@@ -243,7 +252,7 @@ pub fn read(samples: &[Sample], look: &CylinderLook, rings: &RingFit, hidden: &[
         best.sort_by(|a, b| a.cost.total_cmp(&b.cost));
     }
     let chosen = best.first()?;
-    let worst = if rings.is_rim { WORST_RIM_COST } else { WORST_MEAN_COST };
+    let worst = if rings.end.is_some() { WORST_RIM_COST } else { WORST_MEAN_COST };
     if chosen.cost > worst * columns.len() as f64 {
         return None;
     }
@@ -271,6 +280,7 @@ pub fn read(samples: &[Sample], look: &CylinderLook, rings: &RingFit, hidden: &[
         has_heading,
         is_clear,
         misfit,
+        ringed,
         is_certain,
         bars,
         signal,
@@ -333,7 +343,7 @@ impl<'a> Coarse<'a> {
 }
 
 /// The rings' signed amplitude in each column of the body.
-fn columns(samples: &[Sample], look: &CylinderLook, rings: &RingFit, hidden: &[[f64; 2]]) -> Vec<Column> {
+fn columns(samples: &[Sample], look: &CylinderLook, rings: &RingFit, noise2: f64, hidden: &[[f64; 2]]) -> Vec<Column> {
     let cylinder = rings.cylinder(look.radius_m);
     let half = cylinder.outline_rad;
     let scale = samples.first().map_or(200.0, |s| f64::from(s.ray.px_per_bearing));
@@ -384,19 +394,20 @@ fn columns(samples: &[Sample], look: &CylinderLook, rings: &RingFit, hidden: &[[
             blur_rad: blur_px / px_per_rad,
             px_per_rad,
         };
-        let noise2 = rings.noise * rings.noise;
+        let least2 = rings.noise * rings.noise;
         if vpp >= 2e-3 * n {
             let rest2 = (vgg - vpg * vpg / vpp).max(0.0) / (n - 2.0);
             rests.push(rest2.sqrt());
             column.amplitude = vpg / vpp;
-            column.correlation = vpg.abs() / (vpp * vgg).max(1e-12).sqrt();
-            column.variance = rest2.max(noise2) / vpp;
+            let shown = rings::without_noise(vgg, n, noise2).max(vpg * vpg / vpp);
+            column.correlation = vpg.abs() / (vpp * shown).max(1e-12).sqrt();
+            column.variance = rest2.max(least2) / vpp;
         } else {
             // One ring alone is in view: then it is bright or dark by itself.
             let rest2 = vgg.max(0.0) / (n - 1.0);
             rests.push(rest2.sqrt());
             column.amplitude = g / n;
-            column.variance = rest2.max(noise2) / n;
+            column.variance = rest2.max(least2) / n;
             column.shown = [middle, p / n];
         }
         columns.push(column);

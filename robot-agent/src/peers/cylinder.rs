@@ -8,6 +8,7 @@
 //! An outline is reported only where the rings, which know nothing of the background, put it. Nearer robots that have been found
 //! hide what is below their upper ends from the candidates behind them, which are searched for once more with that left out.
 
+mod beside;
 mod confirm;
 pub(super) mod credible;
 
@@ -75,9 +76,13 @@ const OFF_CENTRE_RAD: f64 = 0.005;
 /// An upper end counts beside rings where it shows in this share of the columns, at the same distance to this share.
 const LEAST_UPPER_END: f64 = 0.75;
 const SAME_NEAR: f64 = 0.08;
+/// It must not be further from the curve than this, RMS, pixels.
+const MOST_END_STRAY_PX: f64 = 0.3;
 /// An outline that is further than so many sigmas from where the rings put it may be somebody else's, and beyond the second so many
 /// is as uncertain as it is far.
 const OFF: [f64; 2] = [2.5, 4.0];
+/// Places over a body's width that somebody may hide.
+const WIDTH_PLACES: usize = 32;
 /// An edge that is as near to a body before it is that one's, radians.
 const BESIDE_RAD: f64 = 0.01;
 /// A lone outline has nothing to contradict it: it may be half somebody else's. Pixels, beside noise and floor.
@@ -140,6 +145,12 @@ struct Found {
     reading: Option<Reading>,
     left: Option<EdgeFit>,
     right: Option<EdgeFit>,
+    /// Share of the body's width that nobody hides who was found.
+    unhidden: f64,
+    /// Sides on which rings are shown up to where an outline should be that is not there, though nobody who was found hides it.
+    open_sides: usize,
+    /// Share of the columns beside the body in which what was fitted goes on.
+    goes_on: f64,
 }
 
 impl Found {
@@ -288,21 +299,40 @@ impl CylinderFinder {
         accepted: &mut Vec<Find>,
     ) -> Vec<usize> {
         let mut found = Vec::with_capacity(candidates.len());
+        let mut unread = Vec::new();
         for candidate in candidates {
             found.push(accepted.len());
-            let Some(find) = self.look_at(camera, rays, raw, candidate, (before, accepted)) else { continue };
-            let twin = accepted.iter().position(|other| overlap(&other.peer, &find.peer, &self.look));
-            match twin {
-                Some(i) if accepted[i].peer.confidence >= find.peer.confidence => {}
-                Some(i) => accepted[i] = find,
-                None if accepted.len() < MAX_PEERS => accepted.push(find),
+            match self.look_at(camera, rays, raw, candidate, (before, accepted)) {
+                Some((find, true)) => self.add(find, accepted),
+                Some((find, false)) => unread.push(find),
                 None => {}
+            }
+        }
+        // Another candidate may have shown the bars.
+        for find in unread {
+            if !accepted.iter().any(|other| overlap(&other.peer, &find.peer, &self.look)) {
+                self.add(find, accepted);
             }
         }
         found
     }
 
-    /// The robot that a candidate is, unless it has been found already.
+    fn add(&self, find: Find, accepted: &mut Vec<Find>) {
+        let twin = accepted.iter().position(|other| overlap(&other.peer, &find.peer, &self.look));
+        match twin {
+            Some(i) if accepted[i].peer.confidence >= find.peer.confidence => {}
+            Some(i) => accepted[i] = find,
+            None if accepted.len() < MAX_PEERS => accepted.push(find),
+            None => {}
+        }
+    }
+
+    /// Whether a team wears bars and none can be read on this body.
+    fn is_unread(&self, found: &Found) -> bool {
+        found.reading.is_none() && self.look.is_barred()
+    }
+
+    /// The robot that a candidate is, unless it has been found already, and whether its bars were read if it may have any.
     fn look_at(
         &mut self,
         camera: &MountedCamera,
@@ -310,7 +340,7 @@ impl CylinderFinder {
         raw: &[u8],
         candidate: &Candidate,
         (before, accepted): (&[Find], &[Find]),
-    ) -> Option<Find> {
+    ) -> Option<(Find, bool)> {
         let all = || before.iter().chain(accepted);
         if all().any(|find| self.is_same(camera, find, candidate)) {
             return None;
@@ -325,14 +355,15 @@ impl CylinderFinder {
         let found = self.look_closer(camera, rays, raw, candidate, &occluders);
         let seen = found.map(|found| (self.traits(camera, &found), found));
         let is_hopeless = match &seen {
-            Ok((traits, _)) => traits.are_hopeless(),
+            // Who passes by may make bars illegible for a moment.
+            Ok((traits, found)) => traits.are_hopeless() && !self.is_unread(found),
             Err(missed) => *missed == Missed::Nothing,
         };
         if is_hopeless && !candidate.known {
             self.refusals.note(place);
         }
         let (traits, found) = seen.ok()?;
-        let is_taken = self.is_credible(&found, &traits);
+        let (is_taken, is_read) = (self.is_credible(&found, &traits), !self.is_unread(&found));
         if !is_taken && !self.fits.are_kept() {
             return None;
         }
@@ -341,7 +372,8 @@ impl CylinderFinder {
         self.fits.keep(&fit);
         let (log_odds, peer) = (fit.traits.log_odds(), fit.peer);
         let stands = is_taken && !before.iter().any(|find| overlap(&find.peer, &peer, &self.look));
-        stands.then(|| Find { log_odds, peer, half_m: self.look.radius_m, high_m: self.look.high_m() })
+        let find = Find { log_odds, peer, half_m: self.look.radius_m, high_m: self.look.high_m() };
+        stands.then_some((find, is_read))
     }
 
     /// What is there, with the whole of it in view: a candidate may show one half alone.
@@ -360,7 +392,7 @@ impl CylinderFinder {
         if aside + outline(range_m) < BESIDE_SHARE * outline(candidate.range_m) + OFF_CENTRE_RAD {
             return Ok(found);
         }
-        let rim = candidate.rim.filter(|_| found.rings.is_rim);
+        let rim = candidate.rim.filter(|_| found.rings.end.is_some());
         let centred = Candidate { bearing_rad, range_m, known: true, rim, ..*candidate };
         self.look_from(camera, rays, raw, &centred, occluders)
     }
@@ -406,11 +438,14 @@ impl CylinderFinder {
         if candidate.rim.is_none() {
             found = self.fit_best(&samples, camera, candidate, half, occluders);
         }
-        if let (Err(missed), Some(rim)) = (&found, rim) {
-            let missed = *missed;
-            found = near::fit(&samples, &self.look, height, (candidate.bearing_rad, candidate.range_m), rim)
-                .and_then(|rings| self.outlines(camera, &samples, rings, occluders))
-                .ok_or(missed);
+        let is_read = found.as_ref().is_ok_and(|found| !self.is_unread(found));
+        if let Some(rim) = rim.filter(|_| !is_read) {
+            let by_end = near::fit(&samples, &self.look, height, (candidate.bearing_rad, candidate.range_m), rim)
+                .and_then(|rings| self.outlines(camera, &samples, rings, occluders));
+            // An upper end that does not tell bars either says no more than rings do.
+            if let Some(by_end) = by_end.filter(|by_end| found.is_err() || !self.is_unread(by_end)) {
+                found = Ok(by_end);
+            }
         }
         self.samples = samples;
         found
@@ -480,6 +515,7 @@ impl CylinderFinder {
         let end = (rings.edges_seen < 2)
             .then(|| near::fit(samples, &self.look, camera.viewpoint_body_m().z, start, rim))
             .flatten()
+            .filter(|fit| fit.end.is_some_and(|end| end.stray_px <= MOST_END_STRAY_PX))
             .filter(|end| end.visible >= LEAST_UPPER_END && (end.near_m / rings.near_m - 1.0).abs() < SAME_NEAR)
             .filter(|end| end.covariance[1][1] < rings.covariance[1][1]);
         match end {
@@ -498,10 +534,9 @@ impl CylinderFinder {
     ) -> Option<Found> {
         let reading = match self.look.is_barred() {
             true => {
-                let reading = bars::read(samples, &self.look, &rings, &Self::hidden_sectors(&rings));
-                // Near at hand one ring alone is in view, which may say nothing of bars.
-                let is_round = rings.is_rim && rings.visible >= credible::LEAST_LONE_RIM;
-                if reading.is_none() && !is_round && !self.is_plain(&rings, camera) {
+                let reading = bars::read(samples, &self.look, &rings, self.noise2, &Self::hidden_sectors(&rings));
+                // Near at hand one ring alone is in view, which may say nothing of bars; of rings something may stand before too many.
+                if reading.is_none() && rings.end.is_some() && rings.visible < credible::LEAST_LONE_RIM {
                     return None;
                 }
                 reading
@@ -512,16 +547,27 @@ impl CylinderFinder {
         let height = camera.viewpoint_body_m().z;
         let hiding: Vec<&Occluder> =
             occluders.iter().filter(|o| !o.is_below(self.look.low_m(), rings.near_m, height)).collect();
+        let is_hidden = |at: f64, sign: f64| {
+            hiding.iter().any(|occluder| occluder.is_at(at) || occluder.is_at(at + sign * BESIDE_RAD))
+        };
         let outline = |side, sign: f64| {
             self.outline(samples, &rings, reading.as_ref(), side).filter(|fit| {
                 // Beside a nearer robot the edge is the other's.
-                let at = rings.bearing_rad + sign * (half + fit.outwards_rad);
-                !hiding.iter().any(|occluder| occluder.is_at(at) || occluder.is_at(at + sign * BESIDE_RAD))
+                !is_hidden(rings.bearing_rad + sign * (half + fit.outwards_rad), sign)
             })
         };
         let (left, right) = (outline(Side::Left, 1.0), outline(Side::Right, -1.0));
         let reading = reading.map(|r| self.confirmed(samples, &rings, r, [left.is_some(), right.is_some()]));
-        Some(Found { rings, reading, left, right })
+        let is_open = |seen: bool, side: Side, sign: f64| {
+            !seen && !is_hidden(rings.bearing_rad + sign * half, sign) && Self::shows_up_to(&rings, side)
+        };
+        let open = [is_open(left.is_some(), Side::Left, 1.0), is_open(right.is_some(), Side::Right, -1.0)];
+        let open_sides = open.into_iter().filter(|is_open| *is_open).count();
+        let places = (0..WIDTH_PLACES).map(|k| (2.0 * k as f64 + 1.0) / WIDTH_PLACES as f64 - 1.0);
+        let is_free = |share: &f64| !hiding.iter().any(|occluder| occluder.is_at(rings.bearing_rad + share * half));
+        let unhidden = places.filter(is_free).count() as f64 / WIDTH_PLACES as f64;
+        let goes_on = self.goes_on(samples, &rings);
+        Some(Found { rings, reading, left, right, unhidden, open_sides, goes_on })
     }
 
     fn best_fit(&self, samples: &[Sample], starts: impl Iterator<Item = (f64, f64)>, close: bool) -> Option<RingFit> {
@@ -644,7 +690,7 @@ impl CylinderFinder {
         let evidence_share = [0.6, 0.85, 1.0][seen];
         let pattern = found.reading.as_ref().map(|reading| (&look.patterns[reading.pattern], reading));
         Some(Peer {
-            kind: pattern.map_or(Marker::CYLINDER, |(pattern, _)| pattern.kind),
+            kind: pattern.map_or(look.plainest_kind(), |(pattern, _)| pattern.kind),
             robot: pattern.filter(|(_, reading)| reading.is_named).and_then(|(pattern, _)| pattern.robot),
             bearing_rad: position.bearing_rad,
             range_m: position.range_m,
@@ -784,8 +830,7 @@ mod tests {
             gain: 80.0,
             bend: [0.0, 0.1],
             edges_seen: 1,
-            is_rim: false,
-            lid: 0.0,
+            end: None,
         }
     }
 

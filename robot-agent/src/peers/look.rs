@@ -141,6 +141,12 @@ impl CylinderLook {
         })
     }
 
+    /// Kind of marker of a body of this paint whose bars, if it has any, cannot be read.
+    pub fn plainest_kind(&self) -> u8 {
+        let plainest = self.patterns.iter().min_by_key(|pattern| pattern.bars.len());
+        plainest.map_or(Marker::CYLINDER, |pattern| pattern.kind)
+    }
+
     /// Whether any body of this paint has bars.
     pub fn is_barred(&self) -> bool {
         self.patterns.iter().any(|pattern| !pattern.bars.is_empty())

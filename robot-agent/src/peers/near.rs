@@ -17,8 +17,9 @@ use super::blur;
 use super::geometry::Cylinder;
 use super::look::CylinderLook;
 use super::rays::Sample;
-use super::rings::{BLUR_PX, Column, RingFit, median};
+use super::rings::{BLUR_PX, Column, EndFit, RingFit, median};
 use super::search::{Candidate, Grid, Peak, strongest};
+use super::shades;
 
 /// Step between ranges, and most of them.
 const RANGE_STEP: f64 = 1.03;
@@ -31,8 +32,8 @@ const WIDEST_SINE: f64 = 0.85;
 /// Of them may miss the contrast; on bodies with bars, which may be as bright as the lid above them.
 const STRAYS: usize = 2;
 const BARRED_STRAYS: usize = 6;
-/// Least contrast, grey levels.
-const LEAST_STEP: i32 = 6;
+/// Least contrast, as [`shades`] has it.
+const LEAST_STEP: i32 = 4;
 /// Every so many columns.
 const STRIDE: usize = 2;
 /// An outline is looked at in every third row from so many below the curve on, in so many rows at most, where there are as many
@@ -40,13 +41,16 @@ const STRIDE: usize = 2;
 pub(super) const OUTLINE_BELOW: usize = 3;
 pub(super) const OUTLINE_EVERY: usize = 3;
 const OUTLINE_ROWS: [usize; 2] = [3, 6];
-/// Contrast beyond this says no more, grey levels: of an outline in one row, of an outline, of the curve.
-const MOST_ROW: i32 = 20;
-const MOST_OUTLINE: i32 = 15;
-const MOST_CURVE: i32 = 30;
+/// Contrast beyond this says little more, as [`shades`] has it: of an outline in one row, of an outline, of the curve; and how little.
+const MOST_ROW: f32 = 20.0;
+const MOST_OUTLINE: f32 = 15.0;
+const MOST_CURVE: f32 = 30.0;
+const BEYOND: f32 = 0.1;
 /// An outline counts so many times as much as the curve; the most that both outlines and the curve come to ([`Curve::shows`]).
-const OUTLINE_WEIGHT: i32 = 6;
-const MOST_SHOWN: f64 = (2 * OUTLINE_WEIGHT * MOST_OUTLINE + MOST_CURVE) as f64;
+const OUTLINE_WEIGHT: f32 = 6.0;
+const MOST_SHOWN: f32 = 2.0 * OUTLINE_WEIGHT * MOST_OUTLINE + MOST_CURVE;
+/// Places nearer to each other than this share of half the body's width are one.
+const SAME_SHARE: f64 = 0.35;
 /// Most candidates of a picture. In 700 rooms (seed 500000) eight near robots were not among the first 14 places of plain bodies and
 /// 24 of barred ones; six of them are among so many.
 const MAX_PLAIN: usize = 42;
@@ -60,7 +64,10 @@ const MOST_WAY_PX: f64 = 12.0;
 /// Least share of the columns that agree, and their largest RMS distance from the curve, pixels.
 const LEAST_AGREEING: f64 = 0.6;
 const LEAST_AGREEING_BARRED: f64 = 0.45;
-const WORST_RMS_PX: f64 = 0.3;
+const WORST_RMS_PX: f64 = 0.7;
+/// In the dark a column shows the curve only together with so many others; what is no brighter than this in the mean, grey levels, is dark.
+const DARK_COLUMNS: f64 = 4.0;
+const DARK: f64 = 40.0;
 /// What all columns are wrong by alike: shading, sampling, the lens. Pixels.
 const SHARED_PX: f64 = 0.05;
 /// What a curve is worth beside rings: where both are to be had, rings are taken,
@@ -92,11 +99,13 @@ pub(super) struct Curve {
 
 impl Curve {
     /// What the outlines show and then the curve, with its middle in column `u`; `None` where the curve has less contrast than `least`.
-    pub(super) fn shows(&self, panorama: &[u8], width: usize, u: usize, least: i32, rim: Rim) -> Option<f32> {
-        let contrast = contrast_across(panorama, width, &self.places, u, least, rim);
-        let outline = |(beside, rows): &(i64, Vec<usize>)| contrast_beside(panorama, width, *beside, rows, u);
+    /// `evened` comes of [`shades`].
+    pub(super) fn shows(&self, evened: &[u8], width: usize, u: usize, least: i32, rim: Rim) -> Option<f32> {
+        let contrast = contrast_across(evened, width, &self.places, u, least, rim);
+        let outline =
+            |(beside, rows): &(i64, Vec<usize>)| worth(contrast_beside(evened, width, *beside, rows, u), MOST_OUTLINE);
         (contrast >= least)
-            .then(|| (OUTLINE_WEIGHT * self.sides.iter().map(outline).sum::<i32>() + contrast.min(MOST_CURVE)) as f32)
+            .then(|| OUTLINE_WEIGHT * self.sides.iter().map(outline).sum::<f32>() + worth(contrast as f32, MOST_CURVE))
     }
 }
 
@@ -188,20 +197,21 @@ impl NearSearch {
 
     /// Candidates, best first. `panorama` holds one byte a pixel of the grid.
     pub fn run(&self, panorama: &[u8]) -> Vec<Candidate> {
-        self.rims.iter().flat_map(|(rim, most)| self.of(*rim, *most, panorama)).collect()
+        let evened = shades::evened(panorama, self.grid.width);
+        self.rims.iter().flat_map(|(rim, most)| self.of(*rim, *most, &evened)).collect()
     }
 
-    fn of(&self, rim: Rim, most: usize, panorama: &[u8]) -> Vec<Candidate> {
+    fn of(&self, rim: Rim, most: usize, evened: &[u8]) -> Vec<Candidate> {
         let width = self.grid.width;
         let mut peaks: Vec<Peak> = Vec::new();
         for (l, level) in self.levels.iter().enumerate() {
             for u in (0..width).step_by(STRIDE) {
-                peaks.extend(level.rim.shows(panorama, width, u, LEAST_STEP, rim).map(|shows| (shows, l, u)));
+                peaks.extend(level.rim.shows(evened, width, u, LEAST_STEP, rim).map(|shows| (shows, l, u)));
             }
         }
         let is_near = |l: usize, other: usize, apart: f64| {
             let ratio = self.levels[other].range_m / self.levels[l].range_m;
-            apart < 0.5 * self.levels[l].half_columns && (0.9..1.11).contains(&ratio)
+            apart < SAME_SHARE * self.levels[l].half_columns && (0.9..1.11).contains(&ratio)
         };
         strongest(peaks, width, most, is_near)
             .into_iter()
@@ -211,7 +221,7 @@ impl NearSearch {
                 Candidate {
                     bearing_rad,
                     range_m,
-                    support: f64::from(shows) / MOST_SHOWN,
+                    support: f64::from((shows / MOST_SHOWN).min(1.0)),
                     seen_rad: [bearing_rad; 2],
                     known: false,
                     rim: Some(rim),
@@ -224,13 +234,13 @@ impl NearSearch {
 
 /// The contrast across a line or curve that all but a few places reach (at most [`PLACES`]: columns beside `u`, and rows of its
 /// lower side there), whichever side is the brighter one; 0 where more than a few have less than `least`.
-fn contrast_across(panorama: &[u8], width: usize, places: &[(i64, usize)], u: usize, least: i32, rim: Rim) -> i32 {
+fn contrast_across(evened: &[u8], width: usize, places: &[(i64, usize)], u: usize, least: i32, rim: Rim) -> i32 {
     let most_strays = rim.strays();
     let mut steps = [0i32; PLACES];
     let (mut not_up, mut not_down) = (0, 0);
     for (step, (aside, row)) in steps.iter_mut().zip(places) {
         let column = (u as i64 + aside).rem_euclid(width as i64) as usize;
-        let gray = |row: usize| i32::from(panorama[row * width + column]);
+        let gray = |row: usize| i32::from(evened[row * width + column]);
         *step = (gray(row - 3) + gray(row - 2) - gray(row + 1) - gray(row + 2)) / 2;
         if rim == Rim::Barred {
             *step = step.abs();
@@ -250,17 +260,22 @@ fn contrast_across(panorama: &[u8], width: usize, places: &[(i64, usize)], u: us
 
 /// Mean contrast across an upright outline `beside` columns from `u`, whichever half is the brighter one in a row; 0 where too few
 /// rows are in view.
-fn contrast_beside(panorama: &[u8], width: usize, beside: i64, rows: &[usize], u: usize) -> i32 {
+fn contrast_beside(evened: &[u8], width: usize, beside: i64, rows: &[usize], u: usize) -> f32 {
     if rows.len() < OUTLINE_ROWS[0] {
-        return 0;
+        return 0.0;
     }
     let column = |out: i64| (u as i64 + beside + out).rem_euclid(width as i64) as usize;
     let [a, b, c, d] = [-3, -2, 2, 3].map(column);
     let contrast = |row: &usize| {
-        let gray = |column: usize| i32::from(panorama[row * width + column]);
-        ((gray(a) + gray(b) - gray(c) - gray(d)) / 2).abs().min(MOST_ROW)
+        let gray = |column: usize| i32::from(evened[row * width + column]);
+        worth((gray(a) + gray(b) - gray(c) - gray(d)).abs() as f32 / 2.0, MOST_ROW)
     };
-    (rows.iter().map(contrast).sum::<i32>() / rows.len() as i32).min(MOST_OUTLINE)
+    rows.iter().map(contrast).sum::<f32>() / rows.len() as f32
+}
+
+/// What a contrast says: beyond `most` little more, so that the place that shows best is told from those beside it that would do as well.
+fn worth(contrast: f32, most: f32) -> f32 {
+    contrast.min(most) + BEYOND * (contrast - most).max(0.0)
 }
 
 /// One column across the curve.
@@ -278,16 +293,29 @@ struct Crossing {
 /// Fits bearing and distance to the marker's upper end. `start`: bearing and range to the axis. `None` where there is no such
 /// curve.
 pub fn fit(samples: &[Sample], look: &CylinderLook, height_m: f64, start: (f64, f64), rim: Rim) -> Option<RingFit> {
+    let about = about(samples, look, start);
+    let fit = |columns: f64| fit_columns((samples, &about), look, height_m, start, rim, columns);
+    let is_dark = || about.iter().map(|sample| sample.gray).sum::<f64>() < DARK * about.len() as f64;
+    fit(1.0).or_else(|| is_dark().then(|| fit(DARK_COLUMNS)).flatten())
+}
+
+/// As [`fit`], so many columns at a time; of the samples those about the curve.
+fn fit_columns(
+    (all, samples): (&[Sample], &[Sample]),
+    look: &CylinderLook,
+    height_m: f64,
+    start: (f64, f64),
+    rim: Rim,
+    together: f64,
+) -> Option<RingFit> {
     let (mut bearing, mut range) = start;
     let rise = look.high_m() - height_m;
-    let all = samples;
-    let samples = about(all, look, start);
     let mut fitted = None;
     for round in 0..ROUNDS {
         let starts_px: &[f64] = if round < 2 { &[-1.5, 0.0, 1.5] } else { &[0.0] };
         // Most candidates are none: a third of the columns shows it.
-        let every = if round == 0 { 3 } else { 1 };
-        let crossings = crossings(&samples, look, (bearing, range), Half::Near, starts_px, every);
+        let every = if round == 0 && together < 2.0 { 3 } else { 1 };
+        let crossings = crossings(samples, look, (bearing, range), Half::Near, starts_px, (together, every));
         let crossings: Vec<Crossing> = crossings.into_iter().flatten().collect();
         let asked = crossings.len();
         if asked < 8 {
@@ -377,15 +405,14 @@ pub fn fit(samples: &[Sample], look: &CylinderLook, height_m: f64, start: (f64, 
         gain,
         bend: [0.0; 2],
         edges_seen: 1,
-        is_rim: true,
-        lid: lid_shown(all, look, (bearing, range)),
+        end: Some(EndFit { stray_px: rms_px, lid: lid_shown(all, look, (bearing, range), together), together }),
     })
 }
 
 /// Share of the columns in which the picture has an edge where the far side of the upper end is, as of a body that ends there: a table's or
 /// a chair's front has none, or elsewhere. Its middle may be hidden by what the body carries.
-fn lid_shown(samples: &[Sample], look: &CylinderLook, at: (f64, f64)) -> f64 {
-    let columns = crossings(samples, look, at, Half::Far, &[0.0], 1);
+fn lid_shown(samples: &[Sample], look: &CylinderLook, at: (f64, f64), together: f64) -> f64 {
+    let columns = crossings(samples, look, at, Half::Far, &[0.0], (together, 1));
     let shown = columns.iter().flatten().filter(|crossing| crossing.higher_px.abs() < MOST_LID_PX).count();
     shown as f64 / columns.len().max(LEAST_LID_COLUMNS) as f64
 }
@@ -410,19 +437,19 @@ enum Half {
     Far,
 }
 
-/// Where the curve is in every `every`-th column of the picture that could show it.
+/// Where the curve is in every `every`-th column of the picture that could show it, so many of the picture's columns being one.
 fn crossings(
     samples: &[Sample],
     look: &CylinderLook,
     at: (f64, f64),
     half_of_it: Half,
     starts_px: &[f64],
-    every: usize,
+    (together, every): (f64, usize),
 ) -> Vec<Option<Crossing>> {
     let cylinder = Cylinder::new(at.0, at.1, look.radius_m);
     let half = cylinder.outline_rad;
     let Some(scale) = samples.first().map(|s| f64::from(s.ray.px_per_bearing)) else { return Vec::new() };
-    let wide = (1.5 / scale).max(half / 40.0);
+    let wide = together * (1.5 / scale).max(half / 40.0);
     let count = (2.0 * half / wide).ceil().max(1.0) as usize;
     let mut columns: Vec<Vec<(f64, f64)>> = vec![Vec::new(); count];
     let mut sums = vec![[0.0f64; 2]; count];
@@ -442,7 +469,7 @@ fn crossings(
             let height_m = met.height_m + f64::from(sample.ray.slope) * chord_m;
             higher_px = (height_m - look.high_m()) / sample.ray.m_per_px(met.distance_m + chord_m);
         }
-        if !(-REACH_PX[1]..=REACH_PX[0]).contains(&higher_px) {
+        if !reaches(higher_px) {
             continue;
         }
         let column = (((met.aside_rad + half) / wide) as usize).min(count - 1);
@@ -458,8 +485,13 @@ fn crossings(
     columns.iter().zip(&sums).step_by(every).filter(|(pixels, _)| tells(pixels)).map(crossing).collect()
 }
 
+/// Whether a column is looked at so much higher than the curve is predicted, pixels.
+pub(super) fn reaches(higher_px: f64) -> bool {
+    (-REACH_PX[1]..=REACH_PX[0]).contains(&higher_px)
+}
+
 /// Whether a column has pixels enough on either side.
-fn tells(pixels: &[(f64, f64)]) -> bool {
+pub(super) fn tells(pixels: &[(f64, f64)]) -> bool {
     let below = pixels.iter().filter(|(x, _)| *x < -1.0).count();
     let above = pixels.iter().filter(|(x, _)| *x > 1.0).count();
     below >= 2 && above >= 2

@@ -89,10 +89,19 @@ pub struct RingFit {
     pub bend: [f64; 2],
     /// Ring edges inside the field of view that the fit stands on.
     pub edges_seen: usize,
-    /// From the marker's upper end alone (`super::near`).
-    pub is_rim: bool,
-    /// Of such a one, the share of the columns in which the far side of that end is where it should be.
+    /// From the marker's upper end alone (`super::near`), which looks like this.
+    pub end: Option<EndFit>,
+}
+
+/// How the marker's upper end looks that was fitted alone.
+#[derive(Debug, Clone, Copy)]
+pub struct EndFit {
+    /// RMS distance of its columns from the curve, noise taken out, pixels.
+    pub stray_px: f64,
+    /// Share of the columns in which its far side is where it should be.
     pub lid: f64,
+    /// So many columns of the picture were taken together.
+    pub together: f64,
 }
 
 /// One column of the body.
@@ -353,8 +362,7 @@ pub fn fit(samples: &[Sample], look: &CylinderLook, start: (f64, f64), noise2: f
         half_rad: Cylinder::new(state.bearing_rad, state.near_m + look.radius_m, look.radius_m).outline_rad,
         bend,
         edges_seen,
-        is_rim: false,
-        lid: 0.0,
+        end: None,
     })
 }
 

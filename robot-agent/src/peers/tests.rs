@@ -208,6 +208,49 @@ fn robots_half_behind_other_robots_are_found_where_they_are() {
 }
 
 #[test]
+fn near_robots_of_which_one_ring_is_in_view_are_measured_in_the_dark() {
+    for (n, (bearing, range)) in [(0.5_f64, 0.65), (-2.6, 0.8), (2.0, 0.72)].into_iter().enumerate() {
+        let seed = 70 + n as u64;
+        let mut scene = Scene::room(seed, 1.0);
+        // The upper end is at 20 grey levels or so.
+        scene.ambient *= 0.6;
+        scene.lamps.iter_mut().for_each(|lamp| lamp[3] *= 0.6);
+        scene.pillars.extend(test_scene::robot(range * bearing.cos(), range * bearing.sin()));
+        let raw = scene.picture(2.0, seed);
+        let mut detector = detector();
+        detector.take_fits();
+        detector.detect(&raw, &test_scene::panorama(&raw));
+        let fits = detector.take_fits();
+        let best = fits.iter().max_by(|a, b| a.traits.log_odds().total_cmp(&b.traits.log_odds())).unwrap();
+        assert_consistent(&best.peer, bearing, range);
+        assert!(best.traits.log_odds() > 0.0, "{bearing} {range}: {best:?}");
+    }
+}
+
+#[test]
+fn rings_that_go_on_beside_a_body_are_told() {
+    let goes_on = |beside: &[f64]| {
+        let mut scene = Scene::room(61, 0.3);
+        scene.pillars.extend(test_scene::robot(2.0, 0.0));
+        scene.pillars.extend(beside.iter().flat_map(|y_m| test_scene::robot(2.0, *y_m)));
+        let raw = scene.picture(2.0, 61);
+        let mut detector = detector();
+        detector.take_fits();
+        detector.detect(&raw, &test_scene::panorama(&raw));
+        let at = Basis::Rings.names().iter().position(|name| *name == "goes on").unwrap();
+        let is_there = |fit: &&Fit| {
+            fit.traits.basis == Basis::Rings
+                && fit.peer.bearing_rad.abs() < 0.01
+                && (fit.peer.range_m - 2.0).abs() < 0.05
+        };
+        let shares: Vec<f64> = detector.take_fits().iter().filter(is_there).map(|fit| fit.traits.values[at]).collect();
+        assert!(!shares.is_empty());
+        shares.into_iter().fold(0.0, f64::max)
+    };
+    assert!(goes_on(&[]) < 0.2 && goes_on(&[-0.4, 0.4]) > 0.8, "{} {}", goes_on(&[]), goes_on(&[-0.4, 0.4]));
+}
+
+#[test]
 fn every_fit_says_something_of_each_trait() {
     let mut scene = Scene::room(51, 1.0);
     scene.pillars.extend(test_scene::robot(1.4, 0.9));
@@ -223,8 +266,9 @@ fn every_fit_says_something_of_each_trait() {
     }
     // All but the mast shows the far side of the upper end.
     let by_end = fits.iter().filter(|fit| fit.traits.basis == Basis::CylinderEnd && fit.is_taken);
-    let lid = by_end.map(|fit| fit.traits.values[1]).fold(0.0, f64::max);
-    assert!(Basis::CylinderEnd.names()[1] == "lid" && lid > 0.7, "{lid}");
+    let at = Basis::CylinderEnd.names().iter().position(|name| *name == "lid").unwrap();
+    let lid = by_end.map(|fit| fit.traits.values[at]).fold(0.0, f64::max);
+    assert!(lid > 0.7, "{lid}");
     for fit in &fits {
         assert_eq!(fit.traits.values.len(), fit.traits.basis.names().len(), "{:?}", fit.traits.basis);
         assert!(fit.traits.values.iter().all(|value| value.is_finite()), "{fit:?}");

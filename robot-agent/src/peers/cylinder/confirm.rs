@@ -20,7 +20,7 @@ const WHOLE_SIDE: f64 = 0.85;
 
 impl CylinderFinder {
     /// Whether rings are shown up to where an outline should be.
-    fn shows_up_to(rings: &RingFit, side: Side) -> bool {
+    pub(super) fn shows_up_to(rings: &RingFit, side: Side) -> bool {
         let measured: Vec<bool> =
             rings.columns.iter().filter(|c| c.correlation != 0.0).map(|c| c.visible || c.is_mixed).collect();
         let few = (measured.len() / 3).max(1);
@@ -76,7 +76,7 @@ impl CylinderFinder {
         if !right {
             hidden.push([outer[0], inner[0]]);
         }
-        let again = bars::read(samples, &self.look, rings, &hidden).filter(|again| {
+        let again = bars::read(samples, &self.look, rings, self.noise2, &hidden).filter(|again| {
             let period_rad = self.look.patterns[reading.pattern].period_rad;
             let turned = again.heading_rad[0] - reading.heading_rad[0];
             let turned = turned - period_rad * (turned / period_rad).round();

@@ -51,10 +51,11 @@ pub(in super::super) const STRIPES: [&str; 25] = [
     "end elsewhere",
 ];
 /// Of plates so near that their upper end alone is measured ([`super::rim`]).
-pub(in super::super) const END: [&str; 20] = [
-    // The bend's squared distance from a straight line's in sigmas, and ln of its sigma.
+pub(in super::super) const END: [&str; 21] = [
+    // The bend's squared distance from a straight line's in sigmas, and ln of its sigma; by how many pixels (RMS) columns are elsewhere.
     "bend",
     "bend unknown",
+    "stray",
     // Front and back are told apart by so many of the columns that could tell, with black so black; or they cannot be, and the stripe in
     // view is as uneven as this.
     "side seen",
@@ -177,8 +178,17 @@ impl PlateFinder {
             contrast(fit),
         ];
         let short = short.into_iter().fold(0.0, f64::max) / wide;
-        let values =
-            [&bend(fit.bend)[..], &shown, &[posed.chi2], &hidden(posed), &[short], &sides(posed), &around].concat();
+        let values = [
+            &bend(fit.bend)[..],
+            &[fit.stray_px],
+            &shown,
+            &[posed.chi2],
+            &hidden(posed),
+            &[short],
+            &sides(posed),
+            &around,
+        ]
+        .concat();
         Traits { basis: Basis::PlateEnd, values }
     }
 }

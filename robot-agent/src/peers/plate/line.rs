@@ -14,6 +14,7 @@ use super::super::look::PlateLook;
 use super::super::near::{Curve, OUTLINE_BELOW, OUTLINE_EVERY, Rim};
 use super::super::rings::median;
 use super::super::search::{Grid, Peak, strongest, unlike};
+use super::super::shades;
 use super::search::{PLACES, PlateCandidate, across};
 
 /// Nearest and farthest distance of a plate's middle, metres, and the step between distances.
@@ -23,8 +24,8 @@ const STEP: f64 = 1.04;
 const TURNS: [f64; 9] = [0.0, -0.25, 0.25, -0.5, 0.5, -0.75, 0.75, -1.0, 1.0];
 /// So many of the places along the line must be in view.
 const LEAST_PLACES: usize = 8;
-/// Least contrast of the line, grey levels.
-const LEAST_STEP: i32 = 5;
+/// Least contrast of the line, as [`shades`] has it: all of the search is in its levels.
+const LEAST_STEP: i32 = 4;
 /// Rows in which a side is looked at, least and most.
 const OUTLINE_ROWS: [usize; 2] = [3, 8];
 /// Columns between two places of the search.
@@ -36,13 +37,13 @@ const MAX_CANDIDATES: usize = 12;
 const FINE_STEPS: [f64; 3] = [3.0, 0.03, 0.12];
 const HALVINGS: usize = 3;
 const MOST_MOVES: usize = 8;
-/// Contrast of one place beyond this says no more, grey levels.
+/// Contrast of one place beyond this says no more.
 const MOST_PLACE: f64 = 25.0;
 /// The most that a plate shows: twice the line, and two sides.
 const MOST_SHOWN: f64 = 4.0 * MOST_PLACE;
 /// A side that is out of view is worth this share of the other one.
 const UNSEEN_SIDE: f64 = 0.6;
-/// The upper stripe's grey levels are taken at these shares of its height; paint varies by about so much, grey levels. In 141
+/// The upper stripe's grey levels are taken at these shares of its height; paint varies by about so much. In 141
 /// pictures (of seeds from 9000 on) 77 instead of 71 of 80 near plates that the coarse search had were among the candidates of either line.
 const STRIPE_SHARES: [f64; 3] = [0.3, 0.5, 0.7];
 const EVEN: f64 = 6.0;
@@ -113,6 +114,7 @@ impl LineSearch {
 
     /// Candidates, best first. `panorama` holds one byte a pixel of the grid.
     pub(super) fn run(&self, panorama: &[u8]) -> Vec<PlateCandidate> {
+        let panorama = &shades::evened(panorama, self.grid.width);
         let mut placed: Vec<(f64, PlateCandidate)> = self
             .coarse(panorama)
             .into_iter()
@@ -188,7 +190,7 @@ impl LineSearch {
         best
     }
 
-    /// Contrast across the line and the sides of a plate, grey levels.
+    /// Contrast across the line and the sides of a plate.
     fn shows(&self, panorama: &[u8], at: Place) -> f64 {
         let along = self.along(at);
         let height = self.grid.height as f64;

@@ -81,6 +81,8 @@ pub(super) struct PlaneFit {
     pub(super) black: f64,
     /// How much it bends away at its sides as a share of what a cylinder of its width does, and the standard deviation.
     pub(super) bend: [f64; 2],
+    /// Of an upper end, by how many pixels (RMS) its columns are elsewhere, noise taken out.
+    pub(super) stray_px: f64,
 }
 
 /// Unknowns of a plate (α, c, height, bend) and entries of a column's sums: one, the profile, its derivatives, gray.
@@ -177,6 +179,7 @@ impl PlateFinder {
                 gain: median(&mut gains),
                 black: median(&mut blacks),
                 bend,
+                stray_px: 0.0,
             });
         }
         fitted.filter(|f| f.correlation > LEAST_MEDIAN && f.gain > LEAST_CONTRAST * f.noise)

@@ -24,10 +24,9 @@ const LEAST_PIXELS: usize = 4;
 /// So far above and below the line a column is looked at, pixels.
 const REACH_PX: [f64; 2] = [3.5, 5.0];
 const ROUNDS: usize = 6;
-/// Least columns and share of them that agree, and their largest RMS distance from the line, pixels.
+/// Least columns and share of them that agree.
 const LEAST_COLUMNS: usize = 10;
 const LEAST_AGREEING: f64 = 0.4;
-const WORST_RMS_PX: f64 = 0.3;
 /// A column that is as near to the line as this agrees, round by round; from so far on it counts less. Pixels.
 const GATES_PX: [f64; ROUNDS] = [1.5, 1.5, 0.9, 0.6, 0.6, 0.6];
 const STRAY_PX: f64 = 0.3;
@@ -132,7 +131,8 @@ impl PlateFinder {
                 h += weight * row * row.transpose();
                 g += weight * row * crossing.higher_px;
                 chi2 += weight * crossing.higher_px * crossing.higher_px;
-                squares += crossing.higher_px * crossing.higher_px;
+                // What the sensor's noise has in it is no fault of the line.
+                squares += crossing.higher_px * crossing.higher_px - crossing.variance_px2;
             }
             let n = agreeing.len() as f64;
             let inflate = (chi2 / (n - 2.0)).max(1.0);
@@ -145,9 +145,7 @@ impl PlateFinder {
             if !(plane.c > 0.15 && (0.75..1.33).contains(&drift)) {
                 return None;
             }
-            if round + 1 == ROUNDS && (squares / n).sqrt() > WORST_RMS_PX {
-                return None;
-            }
+            let stray_px = (squares / n).max(0.0).sqrt();
             let bearings = agreeing.iter().map(|c| difference(c.bearing_rad, bearing));
             let (first, last) = bearings.fold((f64::MAX, f64::MIN), |(low, high), b| (low.min(b), high.max(b)));
             fitted = Some(PlaneFit {
@@ -160,6 +158,7 @@ impl PlateFinder {
                 gain: median(&mut agreeing.iter().map(|c| c.step.abs()).collect::<Vec<_>>()),
                 black: 0.0,
                 bend: [(free * g)[2], (free[(2, 2)] * inflate).sqrt()],
+                stray_px,
             });
         }
         fitted
