@@ -8,6 +8,7 @@
 mod boost;
 pub mod hidden;
 pub mod layout;
+mod net;
 pub mod pictures;
 pub mod statistics;
 pub mod trial;

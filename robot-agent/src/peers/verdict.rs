@@ -2,17 +2,21 @@
 //!
 //! Problem: shelves, chairs, blinds, doors and striped boxes fit a painted cylinder or plate here and there. Insight: they do not in
 //! everything at once: paint, bend, outlines, bars, width; and what a trait says hangs on the others. Algorithm: boosted decision
-//! trees (`forest`) over the traits of a fit ([`super::cylinder::credible`], [`super::plate::credible`]), learnt from labelled fits; what
+//! trees (`forest`) over the traits of a fit ([`super::cylinder::credible`], [`super::plate::credible`]), and for cylinders a small network
+//! ([`net`]) that looks at the picture of the fit; both learnt from labelled fits, and the mean of what they say counts. What
 //! is taken for a robot is one by odds of [`LEAST_LOG_ODDS`]; of plates, the likeliest by less (`super::as_announced`).
 //!
-//! The trees are made with `sim-harness peers --per-layout 1 --fits FILE` for each of some sets of rooms, and `sim-harness verdict FILE…
-//! --out robot-agent/src/peers/verdict`, which also says how well they tell apart what is in rooms that they were not grown from. These are
-//! of 95,933 fits: 1,600 rooms with robots (400 from seed 500000 on, 300 from 510000, 500 from 502000, 400 from 504500) and 600 without (600000 and 610000,
-//! `--without-robots`), 220 and 250 of teams in which nobody wears bars (520000, 620000; `--plain`), 150 and 150 through a camera of half
-//! the resolution (530000, 630000; `--camera-of tiny`). What is unlike all of them (a marker, a camera, a room) is judged by what it
-//! resembles most.
+//! They are made with `sim-harness peers --per-layout 1 --fits FILE` for each of some sets of rooms, and `sim-harness verdict FILE…
+//! --out robot-agent/src/peers/verdict`, which also says how well they tell apart what is in rooms that they were not learnt from. These are
+//! of 95,933 fits: 1,600 rooms with robots (400 from seed 500000 on, 300 from 510000, 500 from 502000, 400 from 504500) and 600 without
+//! (600000 and 610000, `--without-robots`), 220 and 250 of teams in which nobody wears bars (520000, 620000; `--plain`), 150 and 150 through
+//! a camera of half the resolution (530000, 630000; `--camera-of tiny`). What is unlike all of them (a marker, a camera, a room) is judged by
+//! what it resembles most.
 
 mod forest;
+pub mod net;
+
+use std::sync::OnceLock;
 
 use serde::{Deserialize, Serialize};
 
@@ -21,8 +25,10 @@ pub use forest::{Node, log_odds};
 
 use super::{Peer, cylinder, plate};
 
-/// Log-odds that a fit must have to be taken for a robot, whatever else is in the picture.
-pub(super) const LEAST_LOG_ODDS: f64 = 1.5;
+/// Log-odds that a fit must have to be taken for a robot, whatever else is in the picture; by the upper end of a cylinder alone, of which trees
+/// and network are the surer together the less each of them is: of 59,777 other things in rooms unseen one is beyond 0.5, of 3,168 robots 3,063.
+pub(super) const LEAST_LOG_ODDS: f64 = 1.2;
+const LEAST_END_LOG_ODDS: f64 = 0.5;
 /// What is less likely than this will not be one in the next picture either, by other noise.
 const HOPELESS_LOG_ODDS: f64 = -2.0;
 /// Most fits that are kept for whoever asks for them.
@@ -33,6 +39,12 @@ static RINGS: &[Tree] = include!("verdict/rings.in");
 static CYLINDER_END: &[Tree] = include!("verdict/cylinder-end.in");
 static STRIPES: &[Tree] = include!("verdict/stripes.in");
 static PLATE_END: &[Tree] = include!("verdict/plate-end.in");
+/// The weights of the networks, four bytes each, the least first.
+static RINGS_NET: &[u8] = include_bytes!("verdict/rings.net");
+static CYLINDER_END_NET: &[u8] = include_bytes!("verdict/cylinder-end.net");
+
+/// What the trees think less likely than this a network is not asked about.
+pub const WORTH_A_LOOK: f64 = -6.0;
 
 /// What a fit stands on.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -62,6 +74,18 @@ impl Basis {
         }
     }
 
+    /// The network that looks at such fits, if there is one.
+    fn net(self) -> Option<&'static [f32]> {
+        static NETS: [OnceLock<Vec<f32>>; 2] = [const { OnceLock::new() }; 2];
+        let (n, bytes) = match self {
+            Self::Rings => (0, RINGS_NET),
+            Self::CylinderEnd => (1, CYLINDER_END_NET),
+            Self::Stripes | Self::PlateEnd => return None,
+        };
+        let weights = || bytes.as_chunks().0.iter().map(|bytes| f32::from_le_bytes(*bytes)).collect();
+        Some(NETS[n].get_or_init(weights)).map(Vec::as_slice).filter(|weights| !weights.is_empty())
+    }
+
     fn trees(self) -> &'static [Tree] {
         match self {
             Self::Rings => RINGS,
@@ -89,15 +113,28 @@ pub struct Traits {
     pub basis: Basis,
     /// In the order of [`Basis::names`].
     pub values: Vec<f64>,
+    /// What the fit looks like: grey levels where the body would be and about it, [`net::SIDE`] cells wide and high, the lowest row first,
+    /// [`net::UNSEEN`] where there is no pixel. Empty where nobody asks.
+    pub picture: Vec<i16>,
+    log_odds: f64,
 }
 
 impl Traits {
-    /// ln of the odds that it is a robot.
-    pub fn log_odds(&self) -> f64 {
-        log_odds(self.basis.trees(), &self.values)
+    /// Of as many values as the basis has names; a network looks at the picture, if there is one, where the trees see a chance.
+    pub fn new(basis: Basis, values: Vec<f64>, picture: impl FnOnce() -> Vec<i16>) -> Self {
+        let by_trees = log_odds(basis.trees(), &values);
+        let picture = if by_trees > WORTH_A_LOOK { picture() } else { Vec::new() };
+        let by_net = basis.net().filter(|_| !picture.is_empty()).map(|net| net::log_odds(net, &picture, &values));
+        let log_odds = by_net.map_or(by_trees, |by_net| 0.5 * (by_trees + by_net));
+        Self { basis, values, picture, log_odds }
     }
 
-    /// What each trait says for a robot, nats; together with what is known before any, the log-odds.
+    /// ln of the odds that it is a robot: the mean of what trees and network say.
+    pub fn log_odds(&self) -> f64 {
+        self.log_odds
+    }
+
+    /// What each trait says for a robot by the trees, nats; together with what is known before any, their log-odds.
     pub fn terms(&self) -> Vec<(&'static str, f64)> {
         let said = forest::terms(self.basis.trees(), &self.values);
         self.basis.names().iter().copied().zip(said).collect()
@@ -108,7 +145,7 @@ impl Traits {
     }
 
     pub(super) fn are_credible(&self) -> bool {
-        self.log_odds() >= LEAST_LOG_ODDS
+        self.log_odds() >= if self.basis == Basis::CylinderEnd { LEAST_END_LOG_ODDS } else { LEAST_LOG_ODDS }
     }
 }
 
@@ -169,8 +206,8 @@ mod tests {
     fn what_speaks_for_a_fit_adds_up_to_its_log_odds() {
         for basis in Basis::ALL {
             let says = |values: Vec<f64>| {
-                let traits = Traits { basis, values };
-                traits.log_odds() - traits.terms().iter().map(|(_, nats)| nats).sum::<f64>()
+                let traits = Traits::new(basis, values, Vec::new);
+                log_odds(basis.trees(), &traits.values) - traits.terms().iter().map(|(_, nats)| nats).sum::<f64>()
             };
             let many = basis.names().len();
             let before = says(vec![0.0; many]);

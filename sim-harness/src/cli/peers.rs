@@ -53,7 +53,7 @@ pub struct VerdictArgs {
     /// As `peers --fits` writes them
     #[arg(required = true, value_name = "FILE")]
     fits: Vec<PathBuf>,
-    /// Writes the trees there: `robot-agent/src/peers/verdict`, from which the detector is built
+    /// Writes trees and networks there: `robot-agent/src/peers/verdict`, from which the detector is built
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
 }
@@ -63,11 +63,11 @@ pub fn run(args: &PeersArgs) -> u8 {
     told("peers", work(args))
 }
 
-/// `sim-harness verdict`: the trees with which the detector tells robots from other things, learnt from fits.
+/// `sim-harness verdict`: the trees and networks with which the detector tells robots from other things, learnt from fits.
 pub fn run_verdict(args: &VerdictArgs) -> u8 {
     let examples = args.fits.iter().map(|path| verdict::read(path)).collect::<Result<Vec<_>, _>>();
     let learnt = examples.and_then(|examples| verdict::learn(&examples.concat())).and_then(|learnt| {
-        args.out.iter().try_for_each(|dir| verdict::write_trees(dir, &learnt))?;
+        args.out.iter().try_for_each(|dir| verdict::write_judges(dir, &learnt))?;
         Ok(learnt.text)
     });
     told("verdict", learnt.map_err(|e| Failure::of(2)(&e)))

@@ -112,7 +112,7 @@ fn a_miss_says_what_spoke_most_against_a_robot() {
             "bend unknown" => -3.0,
             _ => 0.0,
         };
-        Traits { basis: Basis::Rings, values: Basis::Rings.names().iter().map(|name| value(name)).collect() }
+        Traits::new(Basis::Rings, Basis::Rings.names().iter().map(|name| value(name)).collect(), Vec::new)
     };
     let (dark, bright) = (with_black(0.0), with_black(0.5));
     assert!(bright.log_odds() < dark.log_odds() - 2.0, "{} {}", bright.log_odds(), dark.log_odds());

@@ -1,4 +1,4 @@
-//! What tells a robot from what only looks like one: the trees of the detector's verdict, learnt from labelled fits (`boost`).
+//! What tells a robot from what only looks like one: trees and networks of the detector's verdict, learnt from labelled fits (`boost`, `net`).
 //!
 //! What the detector fitted is labelled by the truth: a robot where the fit's place is within χ²₂'s 99.99 % of one's that looks like it (a cylinder or a plate), none where
 //! there is none near. A plate that is not where it is said to be is as bad as no plate; such a cylinder teaches nothing.
@@ -8,11 +8,13 @@ use std::io::{BufRead, Write as _};
 use std::path::Path;
 
 use nalgebra::Vector2;
-use robot_agent::peers::{Basis, Fit, log_odds};
+use robot_agent::peers::net::SIDE;
+use robot_agent::peers::{Basis, Fit, WORTH_A_LOOK, log_odds};
 use serde::{Deserialize, Serialize};
 
 use super::PeersError;
 use super::boost::{self, Tree};
+use super::net::{self, Shown};
 use super::trial::{Kind, View, turned};
 
 /// Squared sigmas within which a fit's bearing and range are a robot's (χ²₂ at 99.99 %).
@@ -38,6 +40,9 @@ pub struct Example {
     pub is_taken: bool,
     /// In the order of [`Basis::names`].
     pub traits: Vec<f64>,
+    /// What it looks like, if a network is asked.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub look: Vec<i16>,
 }
 
 /// Labels a picture's fits.
@@ -56,7 +61,7 @@ pub fn label(seed: u64, picture: usize, fits: Vec<Fit>, views: &[View]) -> impl 
                 Some(is_there).filter(|is_there| *is_there || is_plate)
             }
         };
-        Example { seed, picture, basis: traits.basis, is_robot, is_taken, traits: traits.values }
+        Example { seed, picture, basis: traits.basis, is_robot, is_taken, traits: traits.values, look: traits.picture }
     })
 }
 
@@ -87,23 +92,56 @@ pub fn read(path: &Path) -> Result<Vec<Example>, PeersError> {
                 format!("line {}: `traits` are {:?}; {traits} finite numbers would be right", n + 1, example.traits);
             return Err(failed(&why));
         }
+        if ![0, SIDE * SIDE].contains(&example.look.len()) {
+            let cells = example.look.len();
+            let why = format!("line {}: `look` has {cells} cells; {} or none would be right", n + 1, SIDE * SIDE);
+            return Err(failed(&why));
+        }
         examples.push(example);
     }
     Ok(examples)
 }
 
-/// The trees that explain the labels best.
+/// The trees and networks that explain the labels best.
 pub struct Learnt {
-    /// How well they tell apart what they were not grown from, beside the detector's verdict, for people.
+    /// How well they tell apart what they were not learnt from, beside the detector's verdict, for people.
     pub text: String,
     /// Of each basis.
-    pub trees: Vec<(Basis, Vec<Tree>)>,
+    pub judges: Vec<(Basis, Judge)>,
+}
+
+/// What judges fits of one basis.
+pub struct Judge {
+    trees: Vec<Tree>,
+    /// Weights of the network; none where there are no looks to learn from.
+    net: Vec<f32>,
+}
+
+impl Judge {
+    fn learn(examples: &[(&Example, bool)]) -> Self {
+        let rows = examples.iter().map(|(e, is_robot)| (&e.traits[..], *is_robot));
+        let trees = boost::grow(&rows.collect::<Vec<_>>());
+        let is_asked = |e: &Example| !e.look.is_empty() && log_odds(&trees, &e.traits) > WORTH_A_LOOK;
+        let shown = examples.iter().filter(|(e, _)| is_asked(e));
+        let shown: Vec<Shown> = shown.map(|(e, is_robot)| Shown::new(&e.look, &e.traits, *is_robot)).collect();
+        let net = net::learn(&shown.iter().collect::<Vec<_>>());
+        Self { trees, net }
+    }
+
+    /// As the detector has it.
+    fn log_odds(&self, example: &Example) -> f64 {
+        let by_trees = log_odds(&self.trees, &example.traits);
+        if self.net.is_empty() || example.look.is_empty() || by_trees <= WORTH_A_LOOK {
+            return by_trees;
+        }
+        0.5 * (by_trees + robot_agent::peers::net::log_odds(&self.net, &example.look, &example.traits))
+    }
 }
 
 /// Learns from labelled fits.
 pub fn learn(examples: &[Example]) -> Result<Learnt, PeersError> {
     let mut text = String::new();
-    let mut trees = Vec::new();
+    let mut judges = Vec::new();
     for basis in Basis::ALL {
         let of: Vec<(&Example, bool)> =
             examples.iter().filter(|e| e.basis == basis).filter_map(|e| Some((e, e.is_robot?))).collect();
@@ -114,16 +152,22 @@ pub fn learn(examples: &[Example]) -> Result<Learnt, PeersError> {
                 "of {basis:?} there are {robots} fits of robots and {others} others; at least {LEAST_EXAMPLES} of each would be right"
             )));
         }
-        let grown = |from: &dyn Fn(&Example) -> bool| {
-            let rows = of.iter().filter(|(e, _)| from(e)).map(|(e, is_robot)| (&e.traits[..], *is_robot));
-            boost::grow(&rows.collect::<Vec<_>>())
+        let without = |fold: Option<u64>| {
+            let seen: Vec<_> = of.iter().filter(|(e, _)| Some(e.seed % FOLDS) != fold).copied().collect();
+            Judge::learn(&seen)
         };
-        let mut judged: Vec<(f64, bool)> = Vec::new();
-        for fold in 0..FOLDS {
-            let trees = grown(&|e| e.seed % FOLDS != fold);
+        let judge_unseen = |fold: u64| {
+            let judge = without(Some(fold));
             let unseen = of.iter().filter(|(e, _)| e.seed % FOLDS == fold);
-            judged.extend(unseen.map(|(e, is_robot)| (log_odds(&trees, &e.traits), *is_robot)));
-        }
+            unseen.map(|(e, is_robot)| (judge.log_odds(e), *is_robot)).collect::<Vec<_>>()
+        };
+        let (judged, judge) = std::thread::scope(|scope| {
+            let folds: Vec<_> = (0..FOLDS).map(|fold| scope.spawn(move || judge_unseen(fold))).collect();
+            let judge = without(None);
+            let judged: Result<Vec<_>, _> = folds.into_iter().map(std::thread::ScopedJoinHandle::join).collect();
+            (judged, judge)
+        });
+        let judged = judged.map_err(|_| PeersError(format!("{basis:?}: learning failed")))?.concat();
         let _ = writeln!(text, "{basis:?}: {robots} fits of robots, {others} others");
         let taken = |robot: bool| of.iter().filter(|(e, is_robot)| *is_robot == robot && e.is_taken).count();
         let _ = writeln!(text, "  taken by the detector: {} robots, {} others", taken(true), taken(false));
@@ -132,18 +176,26 @@ pub fn learn(examples: &[Example]) -> Result<Learnt, PeersError> {
             let (robots, others) = (count(true), count(false));
             let _ = writeln!(text, "  log-odds of {least:.1} and more, rooms unseen: {robots} robots, {others} others");
         }
-        trees.push((basis, grown(&|_| true)));
+        judges.push((basis, judge));
     }
-    Ok(Learnt { text, trees })
+    Ok(Learnt { text, judges })
 }
 
-/// Writes the trees where the detector reads them, a file a basis, a tree a line.
-pub fn write_trees(dir: &Path, learnt: &Learnt) -> Result<(), PeersError> {
-    for (basis, trees) in &learnt.trees {
-        let name = serde_json::to_value(basis).ok().and_then(|name| Some(format!("{}.in", name.as_str()?)));
+/// Writes trees and networks where the detector reads them: a file of trees a basis, a tree a line, and the weights of its network, if it has
+/// one, four bytes each, the least first.
+pub fn write_judges(dir: &Path, learnt: &Learnt) -> Result<(), PeersError> {
+    for (basis, judge) in &learnt.judges {
+        let name = serde_json::to_value(basis).ok().and_then(|name| Some(name.as_str()?.to_owned()));
         let path = dir.join(name.unwrap_or_default());
+        let write = |extension: &str, bytes: &[u8]| {
+            let path = path.with_extension(extension);
+            std::fs::write(&path, bytes).map_err(|e| PeersError(format!("{}: {e}", path.display())))
+        };
+        if !judge.net.is_empty() {
+            write("net", &judge.net.iter().flat_map(|weight| weight.to_le_bytes()).collect::<Vec<_>>())?;
+        }
         let mut text = "&[\n".to_owned();
-        for tree in trees {
+        for tree in &judge.trees {
             let nodes: Vec<String> = tree
                 .iter()
                 .map(|(of, least, nats, [first, second])| format!("({of}, {least:?}, {nats:.4}, [{first}, {second}])"))
@@ -151,7 +203,7 @@ pub fn write_trees(dir: &Path, learnt: &Learnt) -> Result<(), PeersError> {
             let _ = writeln!(text, "    &[{}],", nodes.join(", "));
         }
         text.push_str("]\n");
-        std::fs::write(&path, text).map_err(|e| PeersError(format!("{}: {e}", path.display())))?;
+        write("in", text.as_bytes())?;
     }
     Ok(())
 }

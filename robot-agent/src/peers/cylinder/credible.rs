@@ -1,6 +1,7 @@
 //! What speaks for and against a cylinder's being a robot ([`super::super::verdict`]).
 
-use super::super::verdict::{Basis, Traits, given, lack};
+use super::super::rings::RingFit;
+use super::super::verdict::{Basis, Traits, given, lack, net};
 use super::{BEND_GATE, CylinderFinder, Found, Part, height_sigma_m};
 use crate::optics::MountedCamera;
 
@@ -68,6 +69,9 @@ pub(in super::super) const END: [&str; 16] = [
 ];
 /// Beyond, a body of 0.2 m is 14 pixels wide and much looks like it, metres.
 const FARTHEST_M: f64 = 6.2;
+/// The picture of a fit is so many half widths wide on either side, and so high above the floor, metres.
+const PICTURE_WIDTH: f64 = 1.5;
+const PICTURE_M: [f64; 2] = [-0.05, 0.70];
 /// Misfit of bars that cannot be read: more than that of any reading.
 const UNREAD: f64 = 6.0;
 /// An outline further from where the rings put it says no more, pixels.
@@ -115,6 +119,25 @@ impl CylinderFinder {
             let bent = [bent, sigma.max(0.02).ln()];
             [&shown[..], &paint, &bent, &outlines, &sides, &read, &place, &[contrast]].concat()
         };
-        Traits { basis: if rings.end.is_some() { Basis::CylinderEnd } else { Basis::Rings }, values }
+        let basis = if rings.end.is_some() { Basis::CylinderEnd } else { Basis::Rings };
+        Traits::new(basis, values, || self.picture(rings))
+    }
+
+    /// What the body and what is about it look like in the picture at hand ([`Traits::picture`]).
+    fn picture(&self, rings: &RingFit) -> Vec<i16> {
+        let cylinder = rings.cylinder(self.look.radius_m);
+        let half = cylinder.outline_rad;
+        let side = net::SIDE as f64;
+        let mut sums = [[0.0f64; 2]; net::SIDE * net::SIDE];
+        for sample in &self.samples {
+            let met = cylinder.meet(&sample.ray);
+            let across = (met.aside_rad / half + PICTURE_WIDTH) / (2.0 * PICTURE_WIDTH) * side;
+            let up = (met.height_m + rings.lower_m - PICTURE_M[0]) / (PICTURE_M[1] - PICTURE_M[0]) * side;
+            if (0.0..side).contains(&across) && (0.0..side).contains(&up) {
+                let sum = &mut sums[up as usize * net::SIDE + across as usize];
+                *sum = [sum[0] + sample.gray, sum[1] + 1.0];
+            }
+        }
+        sums.iter().map(|[gray, n]| if *n > 0.0 { (gray / n).round() as i16 } else { net::UNSEEN }).collect()
     }
 }

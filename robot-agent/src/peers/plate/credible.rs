@@ -157,7 +157,7 @@ impl PlateFinder {
         let end = self.end_shown(samples, fit, [right, left]);
         let values =
             [&of_fit[..], &bend(fit.bend), &chi2, &hidden(posed), &around, &sides(posed), &rest, &end].concat();
-        Traits { basis: Basis::Stripes, values }
+        Traits::new(Basis::Stripes, values, Vec::new)
     }
 
     pub(super) fn end_traits(&self, samples: &[Sample], fit: &PlaneFit, posed: &Posed, side: SideShown) -> Traits {
@@ -189,6 +189,6 @@ impl PlateFinder {
             &around,
         ]
         .concat();
-        Traits { basis: Basis::PlateEnd, values }
+        Traits::new(Basis::PlateEnd, values, Vec::new)
     }
 }

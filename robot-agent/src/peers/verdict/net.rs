@@ -1,0 +1,189 @@
+//! A small convolutional network: what a fit looks like.
+//!
+//! Problem: traits are what somebody thought of; anybody who looks at the picture sees at a glance that this is a chair. Insight: a fit says
+//! where the body would be, so all pictures can be brought to one size and place, whatever the camera and the distance, and few weights learn
+//! what robots look like there. Three times convolution, maximum of four, half the size; then two dense layers, the second of which
+//! knows the traits, too. A picture and its mirror image are asked, and the mean counts.
+//!
+//! ```text
+//! 24 × 24 × 2 --3×3--> 12 --max--> 12 × 12 --3×3--> 24 --max--> 6 × 6 --3×3--> 32 --max--> 3 × 3 --> 32 --traits--> 24 --> nats
+//! ```
+
+/// Width and height of the picture of a fit, cells.
+pub const SIDE: usize = 24;
+/// Channels before and after each convolution.
+pub const CHANNELS: [usize; 4] = [2, 12, 24, 32];
+/// Of the dense layers.
+pub const DENSE: [usize; 3] = [SIDE / 8 * (SIDE / 8) * CHANNELS[3], 32, 24];
+/// A trait further from its mean than so many standard deviations says no more.
+const MOST_SIGMAS: f32 = 4.0;
+/// Grey levels beside the spread by which a picture's are divided.
+const LEAST_SPREAD: f32 = 2.0;
+/// What is said of a picture beside its cells: ln of its spread and of its mean.
+const OF_PICTURE: usize = 2;
+
+/// A cell without a pixel.
+pub const UNSEEN: i16 = -1;
+
+/// How many weights of each kind there are for so many traits, in their order: means and reciprocal spreads of the traits, then kernels
+/// (tap, before, after) and biases of the convolutions, then the dense layers (before, after) and theirs.
+pub fn sizes(traits: usize) -> [usize; 14] {
+    let [c0, c1, c2, c3] = CHANNELS;
+    let [d0, d1, d2] = DENSE;
+    let all = traits + OF_PICTURE;
+    [all, all, 9 * c0 * c1, c1, 9 * c1 * c2, c2, 9 * c2 * c3, c3, d0 * d1, d1, (d1 + all) * d2, d2, d2, 1]
+}
+
+/// The weights, kind by kind.
+pub fn split(weights: &[f32], traits: usize) -> Option<[&[f32]; 14]> {
+    let sizes = sizes(traits);
+    if weights.len() != sizes.iter().sum::<usize>() {
+        return None;
+    }
+    let mut rest = weights;
+    Some(sizes.map(|size| {
+        let (first, last) = rest.split_at(size);
+        rest = last;
+        first
+    }))
+}
+
+/// What the network is shown: cells (gray less the mean over the spread, and whether there is a pixel) and numbers (traits, then what is said
+/// of the picture), the latter not yet brought to one scale.
+pub fn shown(picture: &[i16], traits: &[f64]) -> (Vec<f32>, Vec<f32>) {
+    let seen = || picture.iter().filter(|gray| **gray != UNSEEN).map(|gray| f32::from(*gray));
+    let n = (seen().count() as f32).max(1.0);
+    let mean = seen().sum::<f32>() / n;
+    let spread = (seen().map(|gray| (gray - mean).powi(2)).sum::<f32>() / n).sqrt();
+    let cell = |gray: &i16| match *gray {
+        UNSEEN => [0.0, 0.0],
+        gray => [(f32::from(gray) - mean) / (spread + LEAST_SPREAD), 1.0],
+    };
+    let cells = picture.iter().flat_map(cell).collect();
+    let of_picture = [(spread + 1.0).ln(), (mean + 1.0).ln()];
+    (cells, traits.iter().map(|value| *value as f32).chain(of_picture).collect())
+}
+
+/// A picture's mirror image.
+pub fn mirrored(cells: &[f32]) -> Vec<f32> {
+    cells.chunks_exact(SIDE * CHANNELS[0]).flat_map(|row| row.rchunks_exact(CHANNELS[0]).flatten()).copied().collect()
+}
+
+/// Numbers brought to one scale.
+pub fn scaled(numbers: &[f32], means: &[f32], per_spread: &[f32]) -> Vec<f32> {
+    let scale = |((value, mean), per_spread): ((&f32, &f32), &f32)| {
+        ((value - mean) * per_spread).clamp(-MOST_SIGMAS, MOST_SIGMAS)
+    };
+    numbers.iter().zip(means).zip(per_spread).map(scale).collect()
+}
+
+/// What a network says of a picture and its traits, nats. 0 where the weights are not for so many.
+pub fn log_odds(weights: &[f32], picture: &[i16], traits: &[f64]) -> f64 {
+    let Some(kinds) = split(weights, traits.len()) else { return 0.0 };
+    let (cells, numbers) = shown(picture, traits);
+    let numbers = scaled(&numbers, kinds[0], kinds[1]);
+    let of = |cells: &[f32]| f64::from(says(&kinds, cells, &numbers));
+    0.5 * (of(&cells) + of(&mirrored(&cells)))
+}
+
+fn says(kinds: &[&[f32]; 14], cells: &[f32], numbers: &[f32]) -> f32 {
+    let (mut maps, mut side) = (cells.to_vec(), SIDE);
+    for k in 0..3 {
+        maps = pooled(
+            &convolved(&maps, side, [CHANNELS[k], CHANNELS[k + 1]], kinds[2 + 2 * k], kinds[3 + 2 * k]),
+            side,
+            CHANNELS[k + 1],
+        );
+        side /= 2;
+    }
+    let mut first = dense(&maps, kinds[8], kinds[9]);
+    first.iter_mut().for_each(|x| *x = x.max(0.0));
+    first.extend(numbers);
+    let mut second = dense(&first, kinds[10], kinds[11]);
+    second.iter_mut().for_each(|x| *x = x.max(0.0));
+    dense(&second, kinds[12], kinds[13])[0]
+}
+
+/// A convolution by 3 × 3 with zeros beyond the border, cut off at 0: rows, columns, channels.
+pub fn convolved(maps: &[f32], side: usize, [before, after]: [usize; 2], kernel: &[f32], bias: &[f32]) -> Vec<f32> {
+    let mut out = Vec::with_capacity(side * side * after);
+    for y in 0..side {
+        for x in 0..side {
+            let from = out.len();
+            out.extend_from_slice(bias);
+            let sums = &mut out[from..];
+            for (tap, at) in taps(x, y, side) {
+                let kernel = &kernel[tap * before * after..][..before * after];
+                for (value, kernel) in maps[at * before..][..before].iter().zip(kernel.chunks_exact(after)) {
+                    for (sum, weight) in sums.iter_mut().zip(kernel) {
+                        *sum += value * weight;
+                    }
+                }
+            }
+            sums.iter_mut().for_each(|sum| *sum = sum.max(0.0));
+        }
+    }
+    out
+}
+
+/// The taps of a kernel about a cell that are in the picture: which, and the cell.
+pub fn taps(x: usize, y: usize, side: usize) -> impl Iterator<Item = (usize, usize)> {
+    (0..9).filter_map(move |tap| {
+        let (u, v) = (x + tap % 3, y + tap / 3);
+        ((1..=side).contains(&u) && (1..=side).contains(&v)).then(|| (tap, (v - 1) * side + u - 1))
+    })
+}
+
+/// The largest of every four cells.
+pub fn pooled(maps: &[f32], side: usize, channels: usize) -> Vec<f32> {
+    let half = side / 2;
+    let mut out = Vec::with_capacity(half * half * channels);
+    for (y, x) in (0..half).flat_map(|y| (0..half).map(move |x| (y, x))) {
+        let of = |v: usize, u: usize, c: usize| maps[((2 * y + v) * side + 2 * x + u) * channels + c];
+        out.extend((0..channels).map(|c| of(0, 0, c).max(of(0, 1, c)).max(of(1, 0, c)).max(of(1, 1, c))));
+    }
+    out
+}
+
+/// Sums of all that comes before, each with its own weights: (before, after).
+pub fn dense(before: &[f32], weights: &[f32], bias: &[f32]) -> Vec<f32> {
+    let mut after = bias.to_vec();
+    for (value, weights) in before.iter().zip(weights.chunks_exact(bias.len())) {
+        after.iter_mut().zip(weights).for_each(|(sum, weight)| *sum += value * weight);
+    }
+    after
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_convolution_sums_what_is_about_a_cell_and_pooling_keeps_the_largest() {
+        // One channel, a kernel that looks at the cell to the right and the one below.
+        let maps: Vec<f32> = (0..16).map(|n| n as f32).collect();
+        let mut kernel = [0.0; 9];
+        (kernel[5], kernel[7]) = (1.0, 10.0);
+        let out = convolved(&maps, 4, [1, 1], &kernel, &[0.5]);
+        assert_eq!(out[5], 6.0 + 90.0 + 0.5);
+        // Beyond the border is nothing.
+        assert_eq!((out[3], out[12], out[15]), (70.5, 13.5, 0.5));
+        assert_eq!(pooled(&maps, 4, 1), [5.0, 7.0, 13.0, 15.0]);
+        assert_eq!(dense(&[1.0, 2.0], &[3.0, 4.0, 5.0, 6.0], &[0.0, 1.0]), [13.0, 17.0]);
+    }
+
+    #[test]
+    fn a_picture_and_its_mirror_image_say_the_same_and_weights_for_others_say_nothing() {
+        let weights: Vec<f32> =
+            (0..sizes(3).iter().sum::<usize>()).map(|n| ((n * 37 % 101) as f32 - 50.0) * 2e-3).collect();
+        let picture: Vec<i16> = (0..SIDE * SIDE).map(|n| (n * n % 97) as i16 - 1).collect();
+        let mirror: Vec<i16> = picture.chunks_exact(SIDE).flat_map(|row| row.iter().rev()).copied().collect();
+        let traits = [0.2, -3.0, 1.0];
+        let said = log_odds(&weights, &picture, &traits);
+        assert!(said.is_finite() && said != 0.0 && (said - log_odds(&weights, &mirror, &traits)).abs() < 1e-5);
+        assert!((said - log_odds(&weights, &picture, &[0.2, -3.0, 1.3])).abs() > 1e-6);
+        assert_eq!(log_odds(&weights, &picture, &traits[..2]), 0.0);
+        // Nothing to be seen.
+        assert!(log_odds(&weights, &[UNSEEN; SIDE * SIDE], &traits).is_finite());
+    }
+}
