@@ -83,7 +83,8 @@ impl Basis {
             Self::Stripes | Self::PlateEnd => return None,
         };
         let weights = || bytes.as_chunks().0.iter().map(|bytes| f32::from_le_bytes(*bytes)).collect();
-        Some(NETS[n].get_or_init(weights)).map(Vec::as_slice).filter(|weights| !weights.is_empty())
+        let weights = NETS[n].get_or_init(weights).as_slice();
+        (!weights.is_empty()).then_some(weights)
     }
 
     fn trees(self) -> &'static [Tree] {

@@ -128,8 +128,7 @@ fn add_gradient(
     let mut maps = vec![cells.to_vec()];
     let mut outs = Vec::new();
     for k in 0..3 {
-        let side = SIDE >> k;
-        let out = convolved(&maps[k], side, [CHANNELS[k], CHANNELS[k + 1]], kinds[2 + 2 * k], kinds[3 + 2 * k]);
+        let (out, side) = convolved(k, &maps[k], kinds[2 + 2 * k], kinds[3 + 2 * k]);
         maps.push(pooled(&out, side, CHANNELS[k + 1]));
         outs.push(out);
     }

@@ -87,14 +87,10 @@ pub fn log_odds(weights: &[f32], picture: &[i16], traits: &[f64]) -> f64 {
 }
 
 fn says(kinds: &[&[f32]; 14], cells: &[f32], numbers: &[f32]) -> f32 {
-    let (mut maps, mut side) = (cells.to_vec(), SIDE);
-    for k in 0..3 {
-        maps = pooled(
-            &convolved(&maps, side, [CHANNELS[k], CHANNELS[k + 1]], kinds[2 + 2 * k], kinds[3 + 2 * k]),
-            side,
-            CHANNELS[k + 1],
-        );
-        side /= 2;
+    let mut maps = cells.to_vec();
+    for layer in 0..3 {
+        let (out, side) = convolved(layer, &maps, kinds[2 + 2 * layer], kinds[3 + 2 * layer]);
+        maps = pooled(&out, side, CHANNELS[layer + 1]);
     }
     let mut first = dense(&maps, kinds[8], kinds[9]);
     first.iter_mut().for_each(|x| *x = x.max(0.0));
@@ -104,24 +100,31 @@ fn says(kinds: &[&[f32]; 14], cells: &[f32], numbers: &[f32]) -> f32 {
     dense(&second, kinds[12], kinds[13])[0]
 }
 
-/// A convolution by 3 × 3 with zeros beyond the border, cut off at 0: rows, columns, channels.
-pub fn convolved(maps: &[f32], side: usize, [before, after]: [usize; 2], kernel: &[f32], bias: &[f32]) -> Vec<f32> {
-    let mut out = Vec::with_capacity(side * side * after);
-    for y in 0..side {
-        for x in 0..side {
-            let from = out.len();
-            out.extend_from_slice(bias);
-            let sums = &mut out[from..];
-            for (tap, at) in taps(x, y, side) {
-                let kernel = &kernel[tap * before * after..][..before * after];
-                for (value, kernel) in maps[at * before..][..before].iter().zip(kernel.chunks_exact(after)) {
-                    for (sum, weight) in sums.iter_mut().zip(kernel) {
-                        *sum += value * weight;
-                    }
-                }
+/// What comes out of a convolution (0, 1 or 2) of maps as the one before left them, and the width of the maps.
+pub fn convolved(layer: usize, maps: &[f32], kernel: &[f32], bias: &[f32]) -> (Vec<f32>, usize) {
+    let side = SIDE >> layer;
+    let out = match layer {
+        0 => convolved_to::<{ CHANNELS[1] }>(maps, side, kernel, bias),
+        1 => convolved_to::<{ CHANNELS[2] }>(maps, side, kernel, bias),
+        _ => convolved_to::<{ CHANNELS[3] }>(maps, side, kernel, bias),
+    };
+    (out, side)
+}
+
+/// A convolution by 3 × 3 with zeros beyond the border, cut off at 0: rows, columns, channels. As many sums as come out of it stay in registers.
+fn convolved_to<const AFTER: usize>(maps: &[f32], side: usize, kernel: &[f32], bias: &[f32]) -> Vec<f32> {
+    let before = maps.len() / (side * side);
+    let (kernel, _) = kernel.as_chunks::<AFTER>();
+    let start: [f32; AFTER] = std::array::from_fn(|c| bias.get(c).copied().unwrap_or(0.0));
+    let mut out = Vec::with_capacity(side * side * AFTER);
+    for (y, x) in (0..side).flat_map(|y| (0..side).map(move |x| (y, x))) {
+        let mut sums = start;
+        for (tap, at) in taps(x, y, side) {
+            for (value, weights) in maps[at * before..][..before].iter().zip(&kernel[tap * before..]) {
+                sums.iter_mut().zip(weights).for_each(|(sum, weight)| *sum += value * weight);
             }
-            sums.iter_mut().for_each(|sum| *sum = sum.max(0.0));
         }
+        out.extend(sums.map(|sum| sum.max(0.0)));
     }
     out
 }
@@ -164,7 +167,7 @@ mod tests {
         let maps: Vec<f32> = (0..16).map(|n| n as f32).collect();
         let mut kernel = [0.0; 9];
         (kernel[5], kernel[7]) = (1.0, 10.0);
-        let out = convolved(&maps, 4, [1, 1], &kernel, &[0.5]);
+        let out = convolved_to::<1>(&maps, 4, &kernel, &[0.5]);
         assert_eq!(out[5], 6.0 + 90.0 + 0.5);
         // Beyond the border is nothing.
         assert_eq!((out[3], out[12], out[15]), (70.5, 13.5, 0.5));
