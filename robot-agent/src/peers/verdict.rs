@@ -83,8 +83,7 @@ impl Basis {
             Self::Stripes | Self::PlateEnd => return None,
         };
         let weights = || bytes.as_chunks().0.iter().map(|bytes| f32::from_le_bytes(*bytes)).collect();
-        let weights = NETS[n].get_or_init(weights).as_slice();
-        (!weights.is_empty()).then_some(weights)
+        Some(NETS[n].get_or_init(weights))
     }
 
     fn trees(self) -> &'static [Tree] {
@@ -117,7 +116,8 @@ pub struct Traits {
     /// What the fit looks like: grey levels where the body would be and about it, [`net::SIDE`] cells wide and high, the lowest row first,
     /// [`net::UNSEEN`] where there is no pixel. Empty where nobody asks.
     pub picture: Vec<i16>,
-    log_odds: f64,
+    by_trees: f64,
+    by_net: Option<f64>,
 }
 
 impl Traits {
@@ -125,14 +125,19 @@ impl Traits {
     pub fn new(basis: Basis, values: Vec<f64>, picture: impl FnOnce() -> Vec<i16>) -> Self {
         let by_trees = log_odds(basis.trees(), &values);
         let picture = if by_trees > WORTH_A_LOOK { picture() } else { Vec::new() };
-        let by_net = basis.net().filter(|_| !picture.is_empty()).map(|net| net::log_odds(net, &picture, &values));
-        let log_odds = by_net.map_or(by_trees, |by_net| 0.5 * (by_trees + by_net));
-        Self { basis, values, picture, log_odds }
+        // Without a network that knows these traits the trees judge alone.
+        let by_net = basis.net().and_then(|net| net::log_odds(net, &picture, &values));
+        Self { basis, values, picture, by_trees, by_net }
     }
 
     /// ln of the odds that it is a robot: the mean of what trees and network say.
     pub fn log_odds(&self) -> f64 {
-        self.log_odds
+        self.by_net.map_or(self.by_trees, |by_net| 0.5 * (self.by_trees + by_net))
+    }
+
+    /// What the network says, nats, if one was asked.
+    pub fn by_net(&self) -> Option<f64> {
+        self.by_net
     }
 
     /// What each trait says for a robot by the trees, nats; together with what is known before any, their log-odds.
@@ -200,6 +205,14 @@ mod tests {
                     assert!(next == [0, 0] || next.iter().all(|next| (n + 1..tree.len()).contains(next)), "{basis:?}");
                 }
             }
+        }
+    }
+
+    #[test]
+    fn networks_know_as_many_traits_as_there_are_and_have_finite_weights() {
+        for basis in [Basis::Rings, Basis::CylinderEnd] {
+            let weights = basis.net().unwrap();
+            assert!(net::split(weights, basis.names().len()).is_some() && weights.iter().all(|w| w.is_finite()));
         }
     }
 

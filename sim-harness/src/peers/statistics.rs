@@ -242,7 +242,8 @@ pub(super) fn doubt(traits: &Traits) -> String {
     against.sort_by(|a, b| a.1.total_cmp(&b.1));
     let against: Vec<String> =
         against.iter().take(MOST_DOUBTS).map(|(name, nats)| format!("{name} {nats:.1}")).collect();
-    format!("{:?} fit, log-odds {:.1}: {}", traits.basis, traits.log_odds(), against.join(", "))
+    let by_net = traits.by_net().map_or(String::new(), |nats| format!(" (network {nats:.1})"));
+    format!("{:?} fit, log-odds {:.1}{by_net}: {}", traits.basis, traits.log_odds(), against.join(", "))
 }
 
 /// What is wrong about a heading, if it is more than 4 σ off.

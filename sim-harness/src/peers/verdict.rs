@@ -8,7 +8,7 @@ use std::io::{BufRead, Write as _};
 use std::path::Path;
 
 use nalgebra::Vector2;
-use robot_agent::peers::net::SIDE;
+use robot_agent::peers::net::{SIDE, UNSEEN};
 use robot_agent::peers::{Basis, Fit, WORTH_A_LOOK, log_odds};
 use serde::{Deserialize, Serialize};
 
@@ -87,15 +87,16 @@ pub fn read(path: &Path) -> Result<Vec<Example>, PeersError> {
             failed(&format_args!("line {}: {e}; lines as `sim-harness peers --fits` writes them", n + 1))
         })?;
         let traits = example.basis.names().len();
-        if example.traits.len() != traits || example.traits.iter().any(|t| !t.is_finite()) {
+        if example.traits.len() != traits || example.traits.iter().any(|t| !(*t as f32).is_finite()) {
             let why =
                 format!("line {}: `traits` are {:?}; {traits} finite numbers would be right", n + 1, example.traits);
             return Err(failed(&why));
         }
-        if ![0, SIDE * SIDE].contains(&example.look.len()) {
-            let cells = example.look.len();
-            let why = format!("line {}: `look` has {cells} cells; {} or none would be right", n + 1, SIDE * SIDE);
-            return Err(failed(&why));
+        let odd = example.look.iter().find(|gray| !(UNSEEN..=255).contains(*gray));
+        if ![0, SIDE * SIDE].contains(&example.look.len()) || odd.is_some() {
+            let has = odd.map_or_else(|| format!("{} cells", example.look.len()), |odd| format!("a cell of {odd}"));
+            let right = format!("{} cells of {UNSEEN} to 255, or none, would be right", SIDE * SIDE);
+            return Err(failed(&format!("line {}: `look` has {has}; {right}", n + 1)));
         }
         examples.push(example);
     }
@@ -131,10 +132,9 @@ impl Judge {
     /// As the detector has it.
     fn log_odds(&self, example: &Example) -> f64 {
         let by_trees = log_odds(&self.trees, &example.traits);
-        if self.net.is_empty() || example.look.is_empty() || by_trees <= WORTH_A_LOOK {
-            return by_trees;
-        }
-        0.5 * (by_trees + robot_agent::peers::net::log_odds(&self.net, &example.look, &example.traits))
+        let by_net = || robot_agent::peers::net::log_odds(&self.net, &example.look, &example.traits);
+        let by_net = if by_trees > WORTH_A_LOOK { by_net() } else { None };
+        by_net.map_or(by_trees, |by_net| 0.5 * (by_trees + by_net))
     }
 }
 
@@ -191,7 +191,8 @@ pub fn write_judges(dir: &Path, learnt: &Learnt) -> Result<(), PeersError> {
             let path = path.with_extension(extension);
             std::fs::write(&path, bytes).map_err(|e| PeersError(format!("{}: {e}", path.display())))
         };
-        if !judge.net.is_empty() {
+        if matches!(basis, Basis::Rings | Basis::CylinderEnd) {
+            // Without looks to learn from there is none: an old one would not go with these trees.
             write("net", &judge.net.iter().flat_map(|weight| weight.to_le_bytes()).collect::<Vec<_>>())?;
         }
         let mut text = "&[\n".to_owned();
@@ -221,5 +222,17 @@ mod tests {
         let error = read(&path).unwrap_err().to_string();
         std::fs::remove_file(&path).unwrap();
         assert!(error.contains("line 1") && error.contains("picture"), "{error}");
+        let traits = vec!["0.5"; Basis::Rings.names().len()].join(",");
+        let line = |look: &str| {
+            format!(
+                r#"{{"seed":1,"picture":0,"basis":"rings","is_robot":true,"is_taken":true,"traits":[{traits}],"look":[{look}]}}"#
+            )
+        };
+        for (look, wrong) in [("1,2,3", "3 cells"), ("-7", "a cell of -7")] {
+            std::fs::write(&path, line(look)).unwrap();
+            let error = read(&path).unwrap_err().to_string();
+            std::fs::remove_file(&path).unwrap();
+            assert!(error.contains("line 1") && error.contains(wrong) && error.contains("576"), "{error}");
+        }
     }
 }

@@ -77,13 +77,13 @@ pub fn scaled(numbers: &[f32], means: &[f32], per_spread: &[f32]) -> Vec<f32> {
     numbers.iter().zip(means).zip(per_spread).map(scale).collect()
 }
 
-/// What a network says of a picture and its traits, nats. 0 where the weights are not for so many.
-pub fn log_odds(weights: &[f32], picture: &[i16], traits: &[f64]) -> f64 {
-    let Some(kinds) = split(weights, traits.len()) else { return 0.0 };
+/// What a network says of a picture and its traits, nats; `None` where the weights are not for so many, or there is no picture.
+pub fn log_odds(weights: &[f32], picture: &[i16], traits: &[f64]) -> Option<f64> {
+    let kinds = split(weights, traits.len()).filter(|_| picture.len() == SIDE * SIDE)?;
     let (cells, numbers) = shown(picture, traits);
     let numbers = scaled(&numbers, kinds[0], kinds[1]);
     let of = |cells: &[f32]| f64::from(says(&kinds, cells, &numbers));
-    0.5 * (of(&cells) + of(&mirrored(&cells)))
+    Some(0.5 * (of(&cells) + of(&mirrored(&cells))))
 }
 
 fn says(kinds: &[&[f32]; 14], cells: &[f32], numbers: &[f32]) -> f32 {
@@ -182,11 +182,13 @@ mod tests {
         let picture: Vec<i16> = (0..SIDE * SIDE).map(|n| (n * n % 97) as i16 - 1).collect();
         let mirror: Vec<i16> = picture.chunks_exact(SIDE).flat_map(|row| row.iter().rev()).copied().collect();
         let traits = [0.2, -3.0, 1.0];
-        let said = log_odds(&weights, &picture, &traits);
-        assert!(said.is_finite() && said != 0.0 && (said - log_odds(&weights, &mirror, &traits)).abs() < 1e-5);
-        assert!((said - log_odds(&weights, &picture, &[0.2, -3.0, 1.3])).abs() > 1e-6);
-        assert_eq!(log_odds(&weights, &picture, &traits[..2]), 0.0);
+        let says = |picture: &[i16], traits: &[f64]| log_odds(&weights, picture, traits).unwrap();
+        let said = says(&picture, &traits);
+        assert!(said.is_finite() && said != 0.0 && (said - says(&mirror, &traits)).abs() < 1e-5);
+        assert!((said - says(&picture, &[0.2, -3.0, 1.3])).abs() > 1e-6);
+        assert_eq!(log_odds(&weights, &picture, &traits[..2]), None);
+        assert_eq!(log_odds(&weights, &picture[1..], &traits), None);
         // Nothing to be seen.
-        assert!(log_odds(&weights, &[UNSEEN; SIDE * SIDE], &traits).is_finite());
+        assert!(says(&[UNSEEN; SIDE * SIDE], &traits).is_finite());
     }
 }
