@@ -39,7 +39,7 @@ pub use cylinder::{EDGE_FLOOR_PX, ELEVATION_FLOOR_PX};
 pub use learn::{KnownView, LearnError, Learnt, learn};
 pub use search::Grid;
 use verdict::LEAST_LOG_ODDS;
-pub use verdict::{Basis, Fit, Node, Traits, WORTH_A_LOOK, log_odds, net};
+pub use verdict::{Basis, Fit, Node, Traits, WORTH_A_LOOK, log_odds, net, together};
 
 use beacon::BeaconReader;
 use cylinder::{CylinderFinder, Part};

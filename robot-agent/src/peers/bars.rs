@@ -399,8 +399,7 @@ fn columns(samples: &[Sample], look: &CylinderLook, rings: &RingFit, noise2: f64
             let rest2 = (vgg - vpg * vpg / vpp).max(0.0) / (n - 2.0);
             rests.push(rest2.sqrt());
             column.amplitude = vpg / vpp;
-            let shown = rings::without_noise(vgg, n, noise2).max(vpg * vpg / vpp);
-            column.correlation = vpg.abs() / (vpp * shown).max(1e-12).sqrt();
+            column.correlation = rings::correlation([vpp, vpg, vgg], n, noise2).abs();
             column.variance = rest2.max(least2) / vpp;
         } else {
             // One ring alone is in view: then it is bright or dark by itself.

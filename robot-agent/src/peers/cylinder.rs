@@ -305,33 +305,35 @@ impl CylinderFinder {
         for candidate in candidates {
             found.push(accepted.len());
             match self.look_at(camera, rays, raw, candidate, (before, accepted)) {
-                Some((find, true)) => self.add(find, accepted),
+                Some((find, true)) => self.add((find, true), accepted),
                 Some((find, false)) => unread.push(find),
                 None => {}
             }
         }
         // Another candidate may have shown the bars.
-        for find in unread {
-            if !accepted.iter().any(|other| overlap(&other.peer, &find.peer, &self.look)) {
-                self.add(find, accepted);
-            }
-        }
+        unread.into_iter().for_each(|find| self.add((find, false), accepted));
         found
     }
 
-    fn add(&self, find: Find, accepted: &mut Vec<Find>) {
+    /// Adds a robot to those accepted. One whose bars were not read gives way to whoever is there.
+    fn add(&self, (find, is_read): (Find, bool), accepted: &mut Vec<Find>) {
         let twin = accepted.iter().position(|other| overlap(&other.peer, &find.peer, &self.look));
         match twin {
-            Some(i) if accepted[i].peer.confidence >= find.peer.confidence => {}
+            Some(i) if !is_read || accepted[i].peer.confidence >= find.peer.confidence => {}
             Some(i) => accepted[i] = find,
             None if accepted.len() < MAX_PEERS => accepted.push(find),
             None => {}
         }
     }
 
-    /// Whether a team wears bars and none can be read on this body.
-    fn is_unread(&self, found: &Found) -> bool {
-        found.reading.is_none() && self.look.is_barred()
+    /// Whether the bars of a body were read, if it may have any.
+    fn is_read(&self, found: &Found) -> bool {
+        found.reading.is_some() || !self.look.is_barred()
+    }
+
+    /// How the upper end of a marker looks: in a team with bars it may be of either kind.
+    fn worn(&self) -> Rim {
+        if self.look.is_barred() { Rim::Barred } else { Rim::Plain }
     }
 
     /// The robot that a candidate is, unless it has been found already, and whether its bars were read if it may have any.
@@ -358,14 +360,14 @@ impl CylinderFinder {
         let seen = found.map(|found| (self.traits(camera, &found), found));
         let is_hopeless = match &seen {
             // Who passes by may make bars illegible for a moment.
-            Ok((traits, found)) => traits.are_hopeless() && !self.is_unread(found),
+            Ok((traits, found)) => traits.are_hopeless() && self.is_read(found),
             Err(missed) => *missed == Missed::Nothing,
         };
         if is_hopeless && !candidate.known {
             self.refusals.note(place);
         }
         let (traits, found) = seen.ok()?;
-        let (is_taken, is_read) = (self.is_credible(&found, &traits), !self.is_unread(&found));
+        let (is_taken, is_read) = (self.is_credible(&found, &traits), self.is_read(&found));
         if !is_taken && !self.fits.are_kept() {
             return None;
         }
@@ -419,10 +421,9 @@ impl CylinderFinder {
             let (a, b) = (drop.atan2(nearest), drop.atan2(farthest));
             [a.min(b), a.max(b)]
         };
-        let worn = if self.look.is_barred() { Rim::Barred } else { Rim::Plain };
         let rim = candidate
             .rim
-            .or(candidate.known.then_some(worn))
+            .or(candidate.known.then_some(self.worn()))
             .filter(|_| candidate.range_m < RANGE_SLACK * self.reach.two_edges_m);
         let mut top = end(self.look.high_m())[1];
         if rim.is_some() {
@@ -440,12 +441,12 @@ impl CylinderFinder {
         if candidate.rim.is_none() {
             found = self.fit_best(&samples, camera, candidate, half, occluders);
         }
-        let is_read = found.as_ref().is_ok_and(|found| !self.is_unread(found));
+        let is_read = found.as_ref().is_ok_and(|found| self.is_read(found));
         if let Some(rim) = rim.filter(|_| !is_read) {
             let by_end = near::fit(&samples, &self.look, height, (candidate.bearing_rad, candidate.range_m), rim)
                 .and_then(|rings| self.outlines(camera, &samples, rings, occluders));
             // An upper end that does not tell bars either says no more than rings do.
-            if let Some(by_end) = by_end.filter(|by_end| found.is_err() || !self.is_unread(by_end)) {
+            if let Some(by_end) = by_end.filter(|by_end| found.is_err() || self.is_read(by_end)) {
                 found = Ok(by_end);
             }
         }
@@ -512,10 +513,9 @@ impl CylinderFinder {
     /// With one edge between rings in view they have their distance from their bend alone, which is worth a few per cent; the marker's
     /// upper end, if it is in view, may have it better ([`fused`]).
     fn with_upper_end(&self, camera: &MountedCamera, samples: &[Sample], rings: RingFit) -> RingFit {
-        let rim = if self.look.is_barred() { Rim::Barred } else { Rim::Plain };
         let start = (rings.bearing_rad, rings.near_m + self.look.radius_m);
         let end = (rings.edges_seen < 2)
-            .then(|| near::fit(samples, &self.look, camera.viewpoint_body_m().z, start, rim))
+            .then(|| near::fit(samples, &self.look, camera.viewpoint_body_m().z, start, self.worn()))
             .flatten()
             .filter(|fit| fit.end.is_some_and(|end| end.stray_px <= MOST_END_STRAY_PX))
             .filter(|end| end.visible >= LEAST_UPPER_END && (end.near_m / rings.near_m - 1.0).abs() < SAME_NEAR)

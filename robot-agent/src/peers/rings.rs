@@ -587,6 +587,13 @@ fn hide_what_no_border_mixes(columns: &mut [Column], bar_columns: f64) {
     hidden.into_iter().for_each(|c| columns[c].is_mixed = false);
 }
 
+/// Correlation of n pixels with the rings, what noise has in them taken out, from the squares about the means: of the rings, of both, and of the
+/// pixels.
+pub(super) fn correlation([pp, pg, gg]: [f64; 3], n: f64, noise2: f64) -> f64 {
+    let shown = without_noise(gg, n, noise2).max(pg * pg / pp);
+    pg / (pp * shown).max(1e-12).sqrt()
+}
+
 /// Squares about the mean of n pixels less what noise has in them, as far as it is known; never less than a small noise.
 pub(super) fn without_noise(squares: f64, n: f64, noise2: f64) -> f64 {
     squares - (n - 2.0).max(0.0) * noise2 + LEAST_NOISE * LEAST_NOISE * n

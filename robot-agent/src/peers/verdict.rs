@@ -96,6 +96,11 @@ impl Basis {
     }
 }
 
+/// ln of the odds by what trees and network, if one was asked, say.
+pub fn together(by_trees: f64, by_net: Option<f64>) -> f64 {
+    by_net.map_or(by_trees, |by_net| 0.5 * (by_trees + by_net))
+}
+
 /// 1 for what is, 0 for what is not.
 pub(super) fn given(is: bool) -> f64 {
     f64::from(u8::from(is))
@@ -132,7 +137,7 @@ impl Traits {
 
     /// ln of the odds that it is a robot: the mean of what trees and network say.
     pub fn log_odds(&self) -> f64 {
-        self.by_net.map_or(self.by_trees, |by_net| 0.5 * (self.by_trees + by_net))
+        together(self.by_trees, self.by_net)
     }
 
     /// What the network says, nats, if one was asked.

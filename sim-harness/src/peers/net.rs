@@ -4,9 +4,7 @@
 use rand::seq::SliceRandom;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha12Rng;
-use robot_agent::peers::net::{
-    CHANNELS, DENSE, SIDE, convolved, dense, mirrored, pooled, scaled, shown, sizes, split, taps,
-};
+use robot_agent::peers::net::{CHANNELS, DENSE, OF_PICTURE, Pass, SIDE, mirrored, scaled, shown, sizes, split, taps};
 
 /// A labelled picture: cells, numbers, and whether it is a robot.
 pub struct Shown {
@@ -41,7 +39,7 @@ impl Shown {
 
 /// The weights that explain the labels.
 pub fn learn(examples: &[&Shown]) -> Vec<f32> {
-    let Some(traits) = examples.first().map(|e| e.numbers.len() - 2) else { return Vec::new() };
+    let Some(traits) = examples.first().map(|e| e.numbers.len() - OF_PICTURE) else { return Vec::new() };
     let mut rng = ChaCha12Rng::seed_from_u64(SEED);
     let mut weights = begun(examples, traits, &mut rng);
     let learnt_from: usize = sizes(traits)[..FIRST_LEARNT].iter().sum();
@@ -57,8 +55,7 @@ pub fn learn(examples: &[&Shown]) -> Vec<f32> {
                 let example = examples[*i];
                 let is_mirrored = rng.random::<bool>();
                 let cells = if is_mirrored { mirrored(&example.cells) } else { example.cells.clone() };
-                let kept: Vec<f32> =
-                    (0..DENSE[0]).map(|_| if rng.random::<f32>() < KEPT { 1.0 / KEPT } else { 0.0 }).collect();
+                let kept = std::array::from_fn(|_| if rng.random::<f32>() < KEPT { 1.0 / KEPT } else { 0.0 });
                 add_gradient(&weights, traits, (&cells, &example.numbers), example.is_robot, &kept, &mut gradient);
             }
             let per_example = 1.0 / batch.len() as f32;
@@ -119,25 +116,12 @@ fn add_gradient(
     traits: usize,
     (cells, numbers): (&[f32], &[f32]),
     is_robot: bool,
-    kept: &[f32],
+    kept: &[f32; DENSE[0]],
     gradient: &mut [f32],
 ) -> f32 {
     let Some(kinds) = split(weights, traits) else { return 0.0 };
     let numbers = scaled(numbers, kinds[0], kinds[1]);
-    // Of each convolution what came before, what came out, and the largest of every four of that.
-    let mut maps = vec![cells.to_vec()];
-    let mut outs = Vec::new();
-    for k in 0..3 {
-        let (out, side) = convolved(k, &maps[k], kinds[2 + 2 * k], kinds[3 + 2 * k]);
-        maps.push(pooled(&out, side, CHANNELS[k + 1]));
-        outs.push(out);
-    }
-    let last: Vec<f32> = maps[3].iter().zip(kept).map(|(x, kept)| x * kept).collect();
-    let relu = |x: Vec<f32>| x.into_iter().map(|x| x.max(0.0)).collect::<Vec<_>>();
-    let mut first = relu(dense(&last, kinds[8], kinds[9]));
-    first.extend(&numbers);
-    let second = relu(dense(&first, kinds[10], kinds[11]));
-    let said = dense(&second, kinds[12], kinds[13])[0];
+    let Pass { maps, outs, before: [last, first, second], says: said } = Pass::new(&kinds, cells, &numbers, kept);
     let truth = f32::from(u8::from(is_robot));
     let by_said = 1.0 / (1.0 + (-said).exp()) - truth;
 
@@ -257,7 +241,7 @@ mod tests {
         let examples: Vec<&Shown> = all.iter().collect();
         let mut rng = ChaCha12Rng::seed_from_u64(5);
         let mut weights = begun(&examples, 2, &mut rng);
-        let kept = vec![1.0; DENSE[0]];
+        let kept = [1.0; DENSE[0]];
         let cost = |weights: &[f32], gradient: &mut [f32]| {
             let of = |e: &&Shown| add_gradient(weights, 2, (&e.cells, &e.numbers), e.is_robot, &kept, &mut *gradient);
             examples.iter().map(of).map(f64::from).sum::<f64>()
@@ -289,7 +273,7 @@ mod tests {
         let all = pictures(600);
         let (seen, unseen): (Vec<_>, Vec<_>) = all.iter().enumerate().partition(|(n, _)| *n < 500);
         let weights = learn(&seen.into_iter().map(|(_, e)| e).collect::<Vec<_>>());
-        let kept = vec![1.0; DENSE[0]];
+        let kept = [1.0; DENSE[0]];
         let costs = unseen.iter().map(|(_, e)| {
             add_gradient(&weights, 2, (&e.cells, &e.numbers), e.is_robot, &kept, &mut vec![0.0; weights.len()])
         });

@@ -9,7 +9,7 @@ use std::path::Path;
 
 use nalgebra::Vector2;
 use robot_agent::peers::net::{SIDE, UNSEEN};
-use robot_agent::peers::{Basis, Fit, WORTH_A_LOOK, log_odds};
+use robot_agent::peers::{Basis, Fit, WORTH_A_LOOK, log_odds, together};
 use serde::{Deserialize, Serialize};
 
 use super::PeersError;
@@ -133,8 +133,7 @@ impl Judge {
     fn log_odds(&self, example: &Example) -> f64 {
         let by_trees = log_odds(&self.trees, &example.traits);
         let by_net = || robot_agent::peers::net::log_odds(&self.net, &example.look, &example.traits);
-        let by_net = if by_trees > WORTH_A_LOOK { by_net() } else { None };
-        by_net.map_or(by_trees, |by_net| 0.5 * (by_trees + by_net))
+        together(by_trees, if by_trees > WORTH_A_LOOK { by_net() } else { None })
     }
 }
 

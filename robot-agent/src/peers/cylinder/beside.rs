@@ -80,8 +80,7 @@ impl CylinderFinder {
         if n < LEAST_PIXELS as f64 || vpp < LEAST_VARIANCE * n {
             return None;
         }
-        let shown = rings::without_noise(vgg, n, self.noise2).max(vpg * vpg / vpp).max(1e-12);
-        let (gain, correlation) = (vpg / vpp, vpg / (vpp * shown).sqrt());
+        let (gain, correlation) = (vpg / vpp, rings::correlation([vpp, vpg, vgg], n, self.noise2));
         let (gain, correlation) = if look.is_barred() { (gain.abs(), correlation.abs()) } else { (gain, correlation) };
         Some(correlation > LEAST_CORRELATION && gain > LEAST_GAIN * rings.gain)
     }

@@ -20,7 +20,7 @@ const MOST_SIGMAS: f32 = 4.0;
 /// Grey levels beside the spread by which a picture's are divided.
 const LEAST_SPREAD: f32 = 2.0;
 /// What is said of a picture beside its cells: ln of its spread and of its mean.
-const OF_PICTURE: usize = 2;
+pub const OF_PICTURE: usize = 2;
 
 /// A cell without a pixel.
 pub const UNSEEN: i16 = -1;
@@ -82,26 +82,44 @@ pub fn log_odds(weights: &[f32], picture: &[i16], traits: &[f64]) -> Option<f64>
     let kinds = split(weights, traits.len()).filter(|_| picture.len() == SIDE * SIDE)?;
     let (cells, numbers) = shown(picture, traits);
     let numbers = scaled(&numbers, kinds[0], kinds[1]);
-    let of = |cells: &[f32]| f64::from(says(&kinds, cells, &numbers));
+    let of = |cells: &[f32]| f64::from(Pass::new(&kinds, cells, &numbers, &[1.0; DENSE[0]]).says);
     Some(0.5 * (of(&cells) + of(&mirrored(&cells))))
 }
 
-fn says(kinds: &[&[f32]; 14], cells: &[f32], numbers: &[f32]) -> f32 {
-    let mut maps = cells.to_vec();
-    for layer in 0..3 {
-        let (out, side) = convolved(layer, &maps, kinds[2 + 2 * layer], kinds[3 + 2 * layer]);
-        maps = pooled(&out, side, CHANNELS[layer + 1]);
+/// What a network makes of a picture on the way to what it says.
+pub struct Pass {
+    /// What comes before each convolution, and after the last one: the largest of every four of what came out of the one before.
+    pub maps: [Vec<f32>; 4],
+    /// What comes out of each.
+    pub outs: [Vec<f32>; 3],
+    /// What comes before each dense layer.
+    pub before: [Vec<f32>; 3],
+    /// Nats.
+    pub says: f32,
+}
+
+impl Pass {
+    /// Of cells and scaled numbers, the last map times `kept`.
+    pub fn new(kinds: &[&[f32]; 14], cells: &[f32], numbers: &[f32], kept: &[f32; DENSE[0]]) -> Self {
+        let mut maps = [cells.to_vec(), Vec::new(), Vec::new(), Vec::new()];
+        let mut outs = [const { Vec::new() }; 3];
+        for layer in 0..3 {
+            let (out, side) = convolved(layer, &maps[layer], kinds[2 + 2 * layer], kinds[3 + 2 * layer]);
+            maps[layer + 1] = pooled(&out, side, CHANNELS[layer + 1]);
+            outs[layer] = out;
+        }
+        let last: Vec<f32> = maps[3].iter().zip(kept).map(|(x, kept)| x * kept).collect();
+        let cut_off = |x: Vec<f32>| x.into_iter().map(|x| x.max(0.0)).collect::<Vec<_>>();
+        let mut first = cut_off(dense(&last, kinds[8], kinds[9]));
+        first.extend(numbers);
+        let second = cut_off(dense(&first, kinds[10], kinds[11]));
+        let says = dense(&second, kinds[12], kinds[13])[0];
+        Self { maps, outs, before: [last, first, second], says }
     }
-    let mut first = dense(&maps, kinds[8], kinds[9]);
-    first.iter_mut().for_each(|x| *x = x.max(0.0));
-    first.extend(numbers);
-    let mut second = dense(&first, kinds[10], kinds[11]);
-    second.iter_mut().for_each(|x| *x = x.max(0.0));
-    dense(&second, kinds[12], kinds[13])[0]
 }
 
 /// What comes out of a convolution (0, 1 or 2) of maps as the one before left them, and the width of the maps.
-pub fn convolved(layer: usize, maps: &[f32], kernel: &[f32], bias: &[f32]) -> (Vec<f32>, usize) {
+fn convolved(layer: usize, maps: &[f32], kernel: &[f32], bias: &[f32]) -> (Vec<f32>, usize) {
     let side = SIDE >> layer;
     let out = match layer {
         0 => convolved_to::<{ CHANNELS[1] }>(maps, side, kernel, bias),
@@ -138,7 +156,7 @@ pub fn taps(x: usize, y: usize, side: usize) -> impl Iterator<Item = (usize, usi
 }
 
 /// The largest of every four cells.
-pub fn pooled(maps: &[f32], side: usize, channels: usize) -> Vec<f32> {
+fn pooled(maps: &[f32], side: usize, channels: usize) -> Vec<f32> {
     let half = side / 2;
     let mut out = Vec::with_capacity(half * half * channels);
     for (y, x) in (0..half).flat_map(|y| (0..half).map(move |x| (y, x))) {
@@ -149,7 +167,7 @@ pub fn pooled(maps: &[f32], side: usize, channels: usize) -> Vec<f32> {
 }
 
 /// Sums of all that comes before, each with its own weights: (before, after).
-pub fn dense(before: &[f32], weights: &[f32], bias: &[f32]) -> Vec<f32> {
+fn dense(before: &[f32], weights: &[f32], bias: &[f32]) -> Vec<f32> {
     let mut after = bias.to_vec();
     for (value, weights) in before.iter().zip(weights.chunks_exact(bias.len())) {
         after.iter_mut().zip(weights).for_each(|(sum, weight)| *sum += value * weight);
