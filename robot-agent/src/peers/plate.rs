@@ -65,6 +65,8 @@ const HEIGHT_FLOOR_M: f64 = 3e-3;
 const FARTHEST_M: f64 = 6.2;
 /// The plane's distance is right to this share when noise has averaged out; its turn to this angle.
 const PLANE_FLOOR: [f64; 2] = [6e-3, 1.5e-3];
+/// So far above the upper end is looked at: there is the mast of a robot, or more of what is taller, radians.
+const ABOVE_END_RAD: f64 = 0.15;
 const MAX_PEERS: usize = 8;
 /// What may be a plate by this much is one unless likelier ones are as many as were announced. Of 1,376 fits to plates in rooms unseen 0.5
 /// lets 1,155 through, with 38 to other things; 1.2 lets 1,109 through, with 17.
@@ -274,7 +276,7 @@ impl PlateFinder {
         let [lowest, highest] = camera.camera().elevation_rad();
         let nearest = (0.8 * distance - 0.5 * self.look.width_m).max(0.2);
         let ends = [rise.atan2(nearest), rise.atan2(1.2 * distance + 0.5 * self.look.width_m)];
-        let high = (ends[0].max(ends[1]) + 0.04).clamp(lowest, highest);
+        let high = (ends[0].max(ends[1]) + ABOVE_END_RAD).clamp(lowest, highest);
         let half = (0.5 * self.look.width_m / (distance - 0.4 * self.look.width_m).max(0.2)).atan();
         let mut samples = std::mem::take(&mut self.samples);
         rays.patch(camera, raw, bearing, half + 0.1, [lowest, high], &mut samples);

@@ -2,7 +2,7 @@
 //!
 //! Problem: shelves, chairs, blinds, doors and striped boxes fit a painted cylinder or plate here and there. Insight: they do not in
 //! everything at once: paint, bend, outlines, bars, width; and what a trait says hangs on the others. Algorithm: boosted decision
-//! trees (`forest`) over the traits of a fit ([`super::cylinder::credible`], [`super::plate::credible`]), and for cylinders a small network
+//! trees (`forest`) over the traits of a fit ([`super::cylinder::credible`], [`super::plate::credible`]), and a small network
 //! ([`net`]) that looks at the picture of the fit; both learnt from labelled fits, and the mean of what they say counts. What
 //! is taken for a robot is one by odds of [`LEAST_LOG_ODDS`]; of plates, the likeliest by less (`super::as_announced`).
 //!
@@ -42,6 +42,8 @@ static PLATE_END: &[Tree] = include!("verdict/plate-end.in");
 /// The weights of the networks, four bytes each, the least first.
 static RINGS_NET: &[u8] = include_bytes!("verdict/rings.net");
 static CYLINDER_END_NET: &[u8] = include_bytes!("verdict/cylinder-end.net");
+static STRIPES_NET: &[u8] = include_bytes!("verdict/stripes.net");
+static PLATE_END_NET: &[u8] = include_bytes!("verdict/plate-end.net");
 
 /// What the trees think less likely than this a network is not asked about.
 pub const WORTH_A_LOOK: f64 = -6.0;
@@ -74,16 +76,17 @@ impl Basis {
         }
     }
 
-    /// The network that looks at such fits, if there is one.
-    fn net(self) -> Option<&'static [f32]> {
-        static NETS: [OnceLock<Vec<f32>>; 2] = [const { OnceLock::new() }; 2];
+    /// The weights of the network that looks at such fits.
+    fn net(self) -> &'static [f32] {
+        static NETS: [OnceLock<Vec<f32>>; 4] = [const { OnceLock::new() }; 4];
         let (n, bytes) = match self {
             Self::Rings => (0, RINGS_NET),
             Self::CylinderEnd => (1, CYLINDER_END_NET),
-            Self::Stripes | Self::PlateEnd => return None,
+            Self::Stripes => (2, STRIPES_NET),
+            Self::PlateEnd => (3, PLATE_END_NET),
         };
         let weights = || bytes.as_chunks().0.iter().map(|bytes| f32::from_le_bytes(*bytes)).collect();
-        Some(NETS[n].get_or_init(weights))
+        NETS[n].get_or_init(weights)
     }
 
     fn trees(self) -> &'static [Tree] {
@@ -131,7 +134,7 @@ impl Traits {
         let by_trees = log_odds(basis.trees(), &values);
         let picture = if by_trees > WORTH_A_LOOK { picture() } else { Vec::new() };
         // Without a network that knows these traits the trees judge alone.
-        let by_net = basis.net().and_then(|net| net::log_odds(net, &picture, &values));
+        let by_net = net::log_odds(basis.net(), &picture, &values);
         Self { basis, values, picture, by_trees, by_net }
     }
 
@@ -215,8 +218,8 @@ mod tests {
 
     #[test]
     fn networks_know_as_many_traits_as_there_are_and_have_finite_weights() {
-        for basis in [Basis::Rings, Basis::CylinderEnd] {
-            let weights = basis.net().unwrap();
+        for basis in Basis::ALL {
+            let weights = basis.net();
             assert!(net::split(weights, basis.names().len()).is_some() && weights.iter().all(|w| w.is_finite()));
         }
     }

@@ -180,8 +180,8 @@ pub fn learn(examples: &[Example]) -> Result<Learnt, PeersError> {
     Ok(Learnt { text, judges })
 }
 
-/// Writes trees and networks where the detector reads them: a file of trees a basis, a tree a line, and the weights of its network, if it has
-/// one, four bytes each, the least first.
+/// Writes trees and networks where the detector reads them: a file of trees a basis, a tree a line, and the weights of its network,
+/// four bytes each, the least first.
 pub fn write_judges(dir: &Path, learnt: &Learnt) -> Result<(), PeersError> {
     for (basis, judge) in &learnt.judges {
         let name = serde_json::to_value(basis).ok().and_then(|name| Some(name.as_str()?.to_owned()));
@@ -190,10 +190,8 @@ pub fn write_judges(dir: &Path, learnt: &Learnt) -> Result<(), PeersError> {
             let path = path.with_extension(extension);
             std::fs::write(&path, bytes).map_err(|e| PeersError(format!("{}: {e}", path.display())))
         };
-        if matches!(basis, Basis::Rings | Basis::CylinderEnd) {
-            // Without looks to learn from there is none: an old one would not go with these trees.
-            write("net", &judge.net.iter().flat_map(|weight| weight.to_le_bytes()).collect::<Vec<_>>())?;
-        }
+        // Without looks to learn from there is none: an old one would not go with these trees.
+        write("net", &judge.net.iter().flat_map(|weight| weight.to_le_bytes()).collect::<Vec<_>>())?;
         let mut text = "&[\n".to_owned();
         for tree in &judge.trees {
             let nodes: Vec<String> = tree

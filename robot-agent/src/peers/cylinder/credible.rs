@@ -1,7 +1,8 @@
 //! What speaks for and against a cylinder's being a robot ([`super::super::verdict`]).
 
 use super::super::rings::RingFit;
-use super::super::verdict::{Basis, Traits, given, lack, net};
+use super::super::verdict::net::{self, PICTURE_M, PICTURE_WIDTH};
+use super::super::verdict::{Basis, Traits, given, lack};
 use super::{BEND_GATE, CylinderFinder, Found, Part, height_sigma_m};
 use crate::optics::MountedCamera;
 
@@ -69,9 +70,6 @@ pub(in super::super) const END: [&str; 16] = [
 ];
 /// Beyond, a body of 0.2 m is 14 pixels wide and much looks like it, metres.
 const FARTHEST_M: f64 = 6.2;
-/// The picture of a fit is so many half widths wide on either side, and so high above the floor, metres.
-const PICTURE_WIDTH: f64 = 1.5;
-const PICTURE_M: [f64; 2] = [-0.05, 0.70];
 /// Misfit of bars that cannot be read: more than that of any reading.
 const UNREAD: f64 = 6.0;
 /// An outline further from where the rings put it says no more, pixels.
@@ -127,17 +125,11 @@ impl CylinderFinder {
     fn picture(&self, rings: &RingFit) -> Vec<i16> {
         let cylinder = rings.cylinder(self.look.radius_m);
         let half = cylinder.outline_rad;
-        let side = net::SIDE as f64;
-        let mut sums = [[0.0f64; 2]; net::SIDE * net::SIDE];
-        for sample in &self.samples {
+        let [low_m, high_m] = PICTURE_M;
+        net::picture(self.samples.iter().map(|sample| {
             let met = cylinder.meet(&sample.ray);
-            let across = (met.aside_rad / half + PICTURE_WIDTH) / (2.0 * PICTURE_WIDTH) * side;
-            let up = (met.height_m + rings.lower_m - PICTURE_M[0]) / (PICTURE_M[1] - PICTURE_M[0]) * side;
-            if (0.0..side).contains(&across) && (0.0..side).contains(&up) {
-                let sum = &mut sums[up as usize * net::SIDE + across as usize];
-                *sum = [sum[0] + sample.gray, sum[1] + 1.0];
-            }
-        }
-        sums.iter().map(|[gray, n]| if *n > 0.0 { (gray / n).round() as i16 } else { net::UNSEEN }).collect()
+            let across = (met.aside_rad / half + PICTURE_WIDTH) / (2.0 * PICTURE_WIDTH);
+            ([across, (met.height_m + rings.lower_m - low_m) / (high_m - low_m)], sample.gray)
+        }))
     }
 }

@@ -3,9 +3,10 @@
 use protocol::angle::difference;
 
 use super::super::rays::Sample;
+use super::super::verdict::net::{self, PICTURE_M, PICTURE_WIDTH};
 use super::super::verdict::{Basis, Traits, given, lack};
 use super::ends::End;
-use super::plane::PlaneFit;
+use super::plane::{Plane, PlaneFit};
 use super::rim::SideShown;
 use super::{Height, PlateFinder, Posed};
 
@@ -157,7 +158,7 @@ impl PlateFinder {
         let end = self.end_shown(samples, fit, [right, left]);
         let values =
             [&of_fit[..], &bend(fit.bend), &chi2, &hidden(posed), &around, &sides(posed), &rest, &end].concat();
-        Traits::new(Basis::Stripes, values, Vec::new)
+        Traits::new(Basis::Stripes, values, || self.picture(samples, fit, [right, left]))
     }
 
     pub(super) fn end_traits(&self, samples: &[Sample], fit: &PlaneFit, posed: &Posed, side: SideShown) -> Traits {
@@ -189,6 +190,21 @@ impl PlateFinder {
             &around,
         ]
         .concat();
-        Traits::new(Basis::PlateEnd, values, Vec::new)
+        Traits::new(Basis::PlateEnd, values, || self.picture(samples, fit, ends))
+    }
+
+    /// What the plate and what is about it look like in the plane of the fit ([`Traits::picture`]).
+    fn picture(&self, samples: &[Sample], fit: &PlaneFit, sides: [f64; 2]) -> Vec<i16> {
+        let Plane { alpha, c, lower_m } = fit.plane;
+        // Along the plane from the foot of its normal.
+        let along = |bearing: f64| c * difference(bearing, alpha).tan();
+        let middle = 0.5 * (along(sides[0]) + along(sides[1]));
+        let half = PICTURE_WIDTH * 0.5 * self.look.width_m;
+        let [low_m, high_m] = PICTURE_M;
+        net::picture(samples.iter().map(|sample| {
+            let across = (along(f64::from(sample.ray.bearing_rad)) - middle + half) / (2.0 * half);
+            let height = fit.plane.meet(&sample.ray).1 + lower_m;
+            ([across, (height - low_m) / (high_m - low_m)], sample.gray)
+        }))
     }
 }

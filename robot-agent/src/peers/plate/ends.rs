@@ -61,8 +61,9 @@ pub(super) enum End {
     Lower,
 }
 
-/// One column across the upper end: how much higher than predicted it is there, that place's variance, and pixels per radian.
-type EndStep = (f64, f64, f64);
+/// One column across the upper end: how much higher than predicted it is there, that place's variance, pixels per radian, and how far away it
+/// is predicted to be.
+type EndStep = (f64, f64, f64, f64);
 
 /// Where the upper end of a plate is.
 struct EndFit {
@@ -72,6 +73,8 @@ struct EndFit {
     /// Share of the columns that agree.
     agreement: f64,
     px_per_rad: f64,
+    /// Of the columns that agree, predicted.
+    distance_m: f64,
 }
 
 impl PlateFinder {
@@ -95,6 +98,7 @@ impl PlateFinder {
             sigma_px: (1.0 / weights).sqrt(),
             agreement: agreeing.len() as f64 / count as f64,
             px_per_rad: agreeing.iter().map(|step| step.2).sum::<f64>() / agreeing.len() as f64,
+            distance_m: agreeing.iter().map(|step| step.3).sum::<f64>() / agreeing.len() as f64,
         })
     }
 
@@ -105,7 +109,7 @@ impl PlateFinder {
         let stripe_m = high_m - edges[edges.len() - 2];
         let Some(scale) = samples.first().map(|s| f64::from(s.ray.px_per_bearing)) else { return (Vec::new(), 0) };
         let count = (difference(left, right) * scale / END_COLUMN_PX) as usize;
-        let mut columns: Vec<(Vec<(f64, f64)>, f64)> = vec![(Vec::new(), 0.0); count];
+        let mut columns: Vec<(Vec<(f64, f64)>, [f64; 2])> = vec![(Vec::new(), [0.0; 2]); count];
         for sample in samples {
             let along = difference(f64::from(sample.ray.bearing_rad), right) * scale / END_COLUMN_PX;
             if !(0.0..count as f64).contains(&along) {
@@ -117,14 +121,16 @@ impl PlateFinder {
             // Far away the next stripe begins sooner.
             let down_px = END_REACH_PX[1].min(stripe_m / m_per_px - NEXT_STRIPE_PX);
             if (-down_px..=END_REACH_PX[0]).contains(&higher_px) {
-                let (pixels, scales) = &mut columns[along as usize];
+                let (pixels, [scales, distances]) = &mut columns[along as usize];
                 pixels.push((higher_px, sample.gray));
                 *scales += f64::from(sample.ray.px_per_elevation);
+                *distances += distance;
             }
         }
-        let step = |(pixels, scales): &(Vec<(f64, f64)>, f64)| {
+        let step = |(pixels, [scales, distances]): &(Vec<(f64, f64)>, [f64; 2])| {
             let (higher_px, variance_px2, ..) = near::step_at(pixels, &[-1.5, 0.0, 1.5])?;
-            Some((higher_px, variance_px2, scales / pixels.len() as f64))
+            let n = pixels.len() as f64;
+            Some((higher_px, variance_px2, scales / n, distances / n))
         };
         (columns.iter().filter_map(step).collect(), count)
     }
@@ -142,25 +148,37 @@ impl PlateFinder {
         // To begin with the announced heights hold, which leaves the edge where it is.
         fit.plane.c *= lone / (lone + fit.plane.lower_m).max(0.5 * lone);
         fit.plane.lower_m = 0.0;
-        let mut sigma_rad = None;
+        let mut share = None;
         for _ in 0..END_ROUNDS {
             let end = self.end(samples, &fit)?;
             if end.agreement < LEAST_END_AGREEMENT || end.sigma_px > WORST_END_PX {
                 return None;
             }
-            let drops = [lone, top].map(|drop| (drop + fit.plane.lower_m) / fit.plane.c);
-            let seen_top = drops[1] - end.higher_px / end.px_per_rad * (1.0 + drops[1] * drops[1]);
-            let c = (lone - top) / (drops[0] - seen_top);
-            if !(c > 0.7 * fit.plane.c && c < 1.4 * fit.plane.c) {
+            // Of a turned plate the columns are farther away than its plane.
+            let drops = [lone, top].map(|drop| (drop + fit.plane.lower_m) / end.distance_m);
+            let per_px = (1.0 + drops[1] * drops[1]) / end.px_per_rad;
+            let distance_m = (lone - top) / (drops[0] - (drops[1] - end.higher_px * per_px));
+            let farther = distance_m / end.distance_m;
+            if !(farther > 0.7 && farther < 1.4) {
                 return None;
             }
-            fit.plane.c = c;
-            fit.plane.lower_m = c * drops[0] - lone;
-            sigma_rad = Some(end.sigma_px.hypot(END_FLOOR_PX) / end.px_per_rad);
+            fit.plane.c *= farther;
+            fit.plane.lower_m = distance_m * drops[0] - lone;
+            let sigma_px = end.sigma_px.hypot(END_FLOOR_PX);
+            share = Some(distance_m / (lone - top) * sigma_px * per_px);
         }
-        let c_sigma = fit.plane.c * fit.plane.c / (lone - top) * sigma_rad?;
-        fit.covariance = Matrix2::new(fit.covariance[(0, 0)], 0.0, 0.0, c_sigma * c_sigma);
+        fit.covariance = Self::by_distance(&fit, share?);
         Some(fit)
+    }
+
+    /// Covariance of (α, c) where it is the distance of what is seen that is known, to this share of it: c follows from that and α.
+    fn by_distance(fit: &PlaneFit, share: f64) -> Matrix2<f64> {
+        let [right, left] = fit.seen_rad;
+        let middle = right + 0.5 * difference(left, right);
+        let turn_variance = fit.covariance[(0, 0)];
+        let c_by_turn = fit.plane.c * difference(middle, fit.plane.alpha).tan();
+        let both = c_by_turn * turn_variance;
+        Matrix2::new(turn_variance, both, both, c_by_turn * both + (share * fit.plane.c).powi(2))
     }
 
     /// The same where too little can be seen of the upper end because somebody hides it or what is behind it is as dark or as bright:
@@ -170,8 +188,7 @@ impl PlateFinder {
         let mut fit = fit.clone();
         fit.plane.c *= lone / (lone + fit.plane.lower_m).max(0.5 * lone);
         fit.plane.lower_m = 0.0;
-        let c_sigma = fit.plane.c * height_sigma_m / lone.abs().max(1e-3);
-        fit.covariance = Matrix2::new(fit.covariance[(0, 0)], 0.0, 0.0, c_sigma * c_sigma);
+        fit.covariance = Self::by_distance(&fit, height_sigma_m / lone.abs().max(1e-3));
         fit
     }
 

@@ -22,8 +22,26 @@ const LEAST_SPREAD: f32 = 2.0;
 /// What is said of a picture beside its cells: ln of its spread and of its mean.
 pub const OF_PICTURE: usize = 2;
 
+/// From the middle of a fit to either side of its picture, half widths of the body.
+pub const PICTURE_WIDTH: f64 = 1.5;
+/// The lowest and the highest end of that picture, metres above the floor.
+pub const PICTURE_M: [f64; 2] = [-0.05, 0.70];
+
 /// A cell without a pixel.
 pub const UNSEEN: i16 = -1;
+
+/// What a fit looks like: means of grey levels, each with how far across and up it is in the picture, shares of its width and height.
+pub fn picture(grays: impl Iterator<Item = ([f64; 2], f64)>) -> Vec<i16> {
+    let mut sums = [[0.0f64; 2]; SIDE * SIDE];
+    for (at, gray) in grays {
+        let [across, up] = at.map(|share| share * SIDE as f64);
+        if [across, up].iter().all(|cell| (0.0..SIDE as f64).contains(cell)) {
+            let sum = &mut sums[up as usize * SIDE + across as usize];
+            *sum = [sum[0] + gray, sum[1] + 1.0];
+        }
+    }
+    sums.iter().map(|[gray, n]| if *n > 0.0 { (gray / n).round() as i16 } else { UNSEEN }).collect()
+}
 
 /// How many weights of each kind there are for so many traits, in their order: means and reciprocal spreads of the traits, then kernels
 /// (tap, before, after) and biases of the convolutions, then the dense layers (before, after) and theirs.
