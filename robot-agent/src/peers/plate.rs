@@ -68,8 +68,8 @@ const PLANE_FLOOR: [f64; 2] = [6e-3, 1.5e-3];
 /// So far above the upper end is looked at: there is the mast of a robot, or more of what is taller, radians.
 const ABOVE_END_RAD: f64 = 0.15;
 const MAX_PEERS: usize = 8;
-/// What may be a plate by this much is one unless likelier ones are as many as were announced. Of 1,376 fits to plates in rooms unseen 0.5
-/// lets 1,155 through, with 38 to other things; 1.2 lets 1,109 through, with 17.
+/// What may be a plate by this much is one unless likelier ones are as many as were announced. Of 1,275 fits to plates in rooms unseen 0.5
+/// lets 1,163 through, with 23 to other things; 1.2 lets 1,132 through, with 18.
 const POSSIBLE_LOG_ODDS: f64 = 0.3;
 
 /// Finds plates of one look.
@@ -386,19 +386,23 @@ impl PlateFinder {
         let edges = self.edges_in_view(samples, fit);
         let height_m = camera.viewpoint_body_m().z;
         let height_sigma_m = mounting.position_m.z.hypot(tilt * fit.plane.c).hypot(HEIGHT_FLOOR_M);
-        let announced = |lone: f64| (Self::by_height(fit, lone, height_m, height_sigma_m), Height::Announced);
+        let chi2 = |fit: &PlaneFit| (fit.plane.lower_m / height_sigma_m).powi(2);
+        let announced = |lone: f64| (Self::by_height(fit, lone, height_m, height_sigma_m), Height::Announced, 0.0);
         let planes = match edges[..] {
             [] => return None,
             [lone] => match self.with_end(samples, fit, lone, height_m) {
-                Some(fit) => vec![(fit, Height::ByEnd), announced(lone)],
+                Some(end) => {
+                    let fit = Self::with_height(&end, lone, height_m, height_sigma_m);
+                    vec![(fit, Height::ByEnd, chi2(&end.0)), announced(lone)]
+                }
                 None => vec![announced(lone)],
             },
-            _ => vec![(fit.clone(), Height::ByStripes)],
+            _ => vec![(fit.clone(), Height::ByStripes, chi2(fit))],
         };
         let mut best: Option<Fit> = None;
         // What ends near the upper end may be something behind a plate whose upper stripe is as dark or as bright.
-        for (plane, height) in planes {
-            if let Some(fit) = self.by_plane(camera, samples, &plane, height, (height_sigma_m, tilt))
+        for (plane, height, height_chi2) in planes {
+            if let Some(fit) = self.by_plane(camera, samples, &plane, (height, height_chi2), tilt)
                 && best.as_ref().is_none_or(|best| fit.traits.log_odds() > best.traits.log_odds())
             {
                 let is_taken = fit.is_taken;
@@ -411,17 +415,16 @@ impl PlateFinder {
         best
     }
 
-    /// The plate in the plane of its stripes. Sigmas are of the camera's height over the plate's floor, metres, and of its tilt.
+    /// The plate in the plane of its stripes, the height of which is known in some way, with its χ²; `tilt` is the camera's standard deviation.
     fn by_plane(
         &self,
         camera: &MountedCamera,
         samples: &[Sample],
         fit: &PlaneFit,
-        height: Height,
-        (height_sigma_m, tilt): (f64, f64),
+        (height, height_chi2): (Height, f64),
+        tilt: f64,
     ) -> Option<Fit> {
         let middle = wrap(fit.seen_rad[0] + 0.5 * difference(fit.seen_rad[1], fit.seen_rad[0]));
-        let height_chi2 = (fit.plane.lower_m / height_sigma_m).powi(2);
         if difference(fit.plane.alpha, middle).abs() > MOST_TURN_RAD || !fit.is_flat() || height_chi2 > WORST_CHI2 {
             return None;
         }

@@ -14,7 +14,10 @@ pub struct Shown {
 }
 
 const SEED: u64 = 11;
+/// Each example is seen so often, and oftener where there are few: so many steps are taken at least, unless each was seen so often.
 const EPOCHS: usize = 10;
+const LEAST_STEPS: usize = 3000;
+const MOST_EPOCHS: usize = 60;
 const BATCH: usize = 128;
 /// Length of the first steps; they grow shorter as a cosine does.
 const RATE: f32 = 2e-3;
@@ -45,9 +48,11 @@ pub fn learn(examples: &[&Shown]) -> Vec<f32> {
     let learnt_from: usize = sizes(traits)[..FIRST_LEARNT].iter().sum();
     let [mut first, mut second] = [(); 2].map(|()| vec![0.0f32; weights.len()]);
     let mut order: Vec<usize> = (0..examples.len()).collect();
-    let steps = EPOCHS * examples.len().div_ceil(BATCH);
+    let batches = examples.len().div_ceil(BATCH);
+    let epochs = LEAST_STEPS.div_ceil(batches).clamp(EPOCHS, MOST_EPOCHS);
+    let steps = epochs * batches;
     let mut step = 0;
-    for _ in 0..EPOCHS {
+    for _ in 0..epochs {
         order.shuffle(&mut rng);
         for batch in order.chunks(BATCH) {
             let mut gradient = vec![0.0f32; weights.len()];

@@ -135,18 +135,19 @@ impl PlateFinder {
         (columns.iter().filter_map(step).collect(), count)
     }
 
-    /// A lone edge leaves distance and height open together; with the upper end they are two of two.
+    /// A lone edge leaves distance and height open together; with the upper end they are two of two. Also to which share of it the distance is
+    /// known by that.
     pub(super) fn with_end(
         &self,
         samples: &[Sample],
         fit: &PlaneFit,
         edge_m: f64,
         camera_height_m: f64,
-    ) -> Option<PlaneFit> {
+    ) -> Option<(PlaneFit, f64)> {
         let mut fit = fit.clone();
         let [lone, top] = [edge_m, self.pillar.high_m()].map(|z| camera_height_m - z);
         // To begin with the announced heights hold, which leaves the edge where it is.
-        fit.plane.c *= lone / (lone + fit.plane.lower_m).max(0.5 * lone);
+        fit.plane.c *= Self::farther(&fit, lone);
         fit.plane.lower_m = 0.0;
         let mut share = None;
         for _ in 0..END_ROUNDS {
@@ -168,7 +169,33 @@ impl PlateFinder {
             share = Some(distance_m / (lone - top) * sigma_px * per_px);
         }
         fit.covariance = Self::by_distance(&fit, share?);
-        Some(fit)
+        Some((fit, share?))
+    }
+
+    /// How much farther away than fitted a plate is whose lone edge, so far below the camera, has the announced height.
+    fn farther(fit: &PlaneFit, lone_m: f64) -> f64 {
+        1.0 / (1.0 + fit.plane.lower_m / lone_m).max(0.5)
+    }
+
+    /// The distance by the upper end (known to a share of it) and by the announced height of the lone edge, weighed; where they disagree,
+    /// it is as uncertain as that says.
+    pub(super) fn with_height(
+        (fit, share): &(PlaneFit, f64),
+        edge_m: f64,
+        camera_height_m: f64,
+        height_sigma_m: f64,
+    ) -> PlaneFit {
+        let lone = camera_height_m - edge_m;
+        let mut fit = fit.clone();
+        let farther = Self::farther(&fit, lone) - 1.0;
+        let variances = [share.powi(2), (height_sigma_m / lone.abs().max(1e-3)).powi(2)];
+        let both = variances[0] + variances[1];
+        let by = 1.0 + farther * variances[0] / both;
+        fit.plane.c *= by;
+        fit.plane.lower_m = (lone + fit.plane.lower_m) * by - lone;
+        let chi2 = farther * farther / both;
+        fit.covariance = Self::by_distance(&fit, (variances[0] * variances[1] / both * chi2.max(1.0)).sqrt());
+        fit
     }
 
     /// Covariance of (α, c) where it is the distance of what is seen that is known, to this share of it: c follows from that and α.
@@ -186,7 +213,7 @@ impl PlateFinder {
     pub(super) fn by_height(fit: &PlaneFit, edge_m: f64, camera_height_m: f64, height_sigma_m: f64) -> PlaneFit {
         let lone = camera_height_m - edge_m;
         let mut fit = fit.clone();
-        fit.plane.c *= lone / (lone + fit.plane.lower_m).max(0.5 * lone);
+        fit.plane.c *= Self::farther(&fit, lone);
         fit.plane.lower_m = 0.0;
         fit.covariance = Self::by_distance(&fit, height_sigma_m / lone.abs().max(1e-3));
         fit
