@@ -65,6 +65,14 @@ pub(super) enum End {
 /// is predicted to be.
 type EndStep = (f64, f64, f64, f64);
 
+/// Pixels of a column about the upper end (how much higher, gray), and sums of their scales and of how far away they are predicted to be.
+#[derive(Clone, Default)]
+struct EndColumn {
+    pixels: Vec<(f64, f64)>,
+    scales: f64,
+    distances_m: f64,
+}
+
 /// Where the upper end of a plate is.
 struct EndFit {
     /// Higher than predicted, and the standard deviation.
@@ -109,7 +117,7 @@ impl PlateFinder {
         let stripe_m = high_m - edges[edges.len() - 2];
         let Some(scale) = samples.first().map(|s| f64::from(s.ray.px_per_bearing)) else { return (Vec::new(), 0) };
         let count = (difference(left, right) * scale / END_COLUMN_PX) as usize;
-        let mut columns: Vec<(Vec<(f64, f64)>, [f64; 2])> = vec![(Vec::new(), [0.0; 2]); count];
+        let mut columns = vec![EndColumn::default(); count];
         for sample in samples {
             let along = difference(f64::from(sample.ray.bearing_rad), right) * scale / END_COLUMN_PX;
             if !(0.0..count as f64).contains(&along) {
@@ -121,16 +129,16 @@ impl PlateFinder {
             // Far away the next stripe begins sooner.
             let down_px = END_REACH_PX[1].min(stripe_m / m_per_px - NEXT_STRIPE_PX);
             if (-down_px..=END_REACH_PX[0]).contains(&higher_px) {
-                let (pixels, [scales, distances]) = &mut columns[along as usize];
-                pixels.push((higher_px, sample.gray));
-                *scales += f64::from(sample.ray.px_per_elevation);
-                *distances += distance;
+                let column = &mut columns[along as usize];
+                column.pixels.push((higher_px, sample.gray));
+                column.scales += f64::from(sample.ray.px_per_elevation);
+                column.distances_m += distance;
             }
         }
-        let step = |(pixels, [scales, distances]): &(Vec<(f64, f64)>, [f64; 2])| {
-            let (higher_px, variance_px2, ..) = near::step_at(pixels, &[-1.5, 0.0, 1.5])?;
-            let n = pixels.len() as f64;
-            Some((higher_px, variance_px2, scales / n, distances / n))
+        let step = |column: &EndColumn| {
+            let (higher_px, variance_px2, ..) = near::step_at(&column.pixels, &[-1.5, 0.0, 1.5])?;
+            let n = column.pixels.len() as f64;
+            Some((higher_px, variance_px2, column.scales / n, column.distances_m / n))
         };
         (columns.iter().filter_map(step).collect(), count)
     }
