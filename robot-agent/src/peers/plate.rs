@@ -314,7 +314,7 @@ impl PlateFinder {
         let c_floor = (PLANE_FLOOR[0] * fit.plane.c).hypot(by_height);
         let plane_covariance =
             fit.covariance + Matrix2::new(PLANE_FLOOR[1].powi(2) * 16.0, 0.0, 0.0, c_floor * c_floor);
-        let middle = wrap(fit.seen_rad[0] + 0.5 * difference(fit.seen_rad[1], fit.seen_rad[0]));
+        let middle = fit.middle_rad();
         if difference(fit.plane.alpha, middle).abs() > MOST_TURN_RAD || !Self::is_straight(&fit) {
             return None;
         }
@@ -424,7 +424,7 @@ impl PlateFinder {
         (height, height_chi2): (Height, f64),
         tilt: f64,
     ) -> Option<Fit> {
-        let middle = wrap(fit.seen_rad[0] + 0.5 * difference(fit.seen_rad[1], fit.seen_rad[0]));
+        let middle = fit.middle_rad();
         if difference(fit.plane.alpha, middle).abs() > MOST_TURN_RAD || !fit.is_flat() || height_chi2 > WORST_CHI2 {
             return None;
         }

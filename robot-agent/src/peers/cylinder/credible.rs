@@ -1,8 +1,7 @@
 //! What speaks for and against a cylinder's being a robot ([`super::super::verdict`]).
 
 use super::super::rings::RingFit;
-use super::super::verdict::net::{self, PICTURE_M, PICTURE_WIDTH};
-use super::super::verdict::{Basis, Traits, given, lack};
+use super::super::verdict::{Basis, Traits, given, lack, net};
 use super::{BEND_GATE, CylinderFinder, Found, Part, height_sigma_m};
 use crate::optics::MountedCamera;
 
@@ -125,11 +124,9 @@ impl CylinderFinder {
     fn picture(&self, rings: &RingFit) -> Vec<i16> {
         let cylinder = rings.cylinder(self.look.radius_m);
         let half = cylinder.outline_rad;
-        let [low_m, high_m] = PICTURE_M;
         net::picture(self.samples.iter().map(|sample| {
             let met = cylinder.meet(&sample.ray);
-            let across = (met.aside_rad / half + PICTURE_WIDTH) / (2.0 * PICTURE_WIDTH);
-            ([across, (met.height_m + rings.lower_m - low_m) / (high_m - low_m)], sample.gray)
+            ([met.aside_rad / half, met.height_m + rings.lower_m], sample.gray)
         }))
     }
 }

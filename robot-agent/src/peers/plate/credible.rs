@@ -3,10 +3,9 @@
 use protocol::angle::difference;
 
 use super::super::rays::Sample;
-use super::super::verdict::net::{self, PICTURE_M, PICTURE_WIDTH};
-use super::super::verdict::{Basis, Traits, given, lack};
+use super::super::verdict::{Basis, Traits, given, lack, net};
 use super::ends::End;
-use super::plane::{Plane, PlaneFit};
+use super::plane::PlaneFit;
 use super::rim::SideShown;
 use super::{Height, PlateFinder, Posed};
 
@@ -195,16 +194,12 @@ impl PlateFinder {
 
     /// What the plate and what is about it look like in the plane of the fit ([`Traits::picture`]).
     fn picture(&self, samples: &[Sample], fit: &PlaneFit, sides: [f64; 2]) -> Vec<i16> {
-        let Plane { alpha, c, lower_m } = fit.plane;
-        // Along the plane from the foot of its normal.
-        let along = |bearing: f64| c * difference(bearing, alpha).tan();
-        let middle = 0.5 * (along(sides[0]) + along(sides[1]));
-        let half = PICTURE_WIDTH * 0.5 * self.look.width_m;
-        let [low_m, high_m] = PICTURE_M;
+        let plane = &fit.plane;
+        let middle_m = 0.5 * (plane.along(sides[0]) + plane.along(sides[1]));
+        let half_m = 0.5 * self.look.width_m;
         net::picture(samples.iter().map(|sample| {
-            let across = (along(f64::from(sample.ray.bearing_rad)) - middle + half) / (2.0 * half);
-            let height = fit.plane.meet(&sample.ray).1 + lower_m;
-            ([across, (height - low_m) / (high_m - low_m)], sample.gray)
+            let aside_m = plane.along(f64::from(sample.ray.bearing_rad)) - middle_m;
+            ([aside_m / half_m, plane.meet(&sample.ray).1 + plane.lower_m], sample.gray)
         }))
     }
 }

@@ -61,9 +61,15 @@ pub(super) enum End {
     Lower,
 }
 
-/// One column across the upper end: how much higher than predicted it is there, that place's variance, pixels per radian, and how far away it
-/// is predicted to be.
-type EndStep = (f64, f64, f64, f64);
+/// One column across the upper end.
+struct EndStep {
+    /// Higher than predicted, and that place's variance.
+    higher_px: f64,
+    variance_px2: f64,
+    px_per_rad: f64,
+    /// Predicted.
+    distance_m: f64,
+}
 
 /// Pixels of a column about the upper end (how much higher, gray), and sums of their scales and of how far away they are predicted to be.
 #[derive(Clone, Default)]
@@ -96,17 +102,18 @@ impl PlateFinder {
     /// How much further up the plate goes than it should, column by column: each has its own light, and some have a mast.
     fn end(&self, samples: &[Sample], fit: &PlaneFit) -> Option<EndFit> {
         let (steps, count) = self.end_steps(samples, fit, fit.seen_rad);
-        let middle = median(&mut steps.iter().map(|step| step.0).collect::<Vec<_>>());
-        let is_near = |step: &&EndStep| (step.0 - middle).abs() < 0.4 + 3.0 * step.1.sqrt();
+        let middle = median(&mut steps.iter().map(|step| step.higher_px).collect::<Vec<_>>());
+        let is_near = |step: &&EndStep| (step.higher_px - middle).abs() < 0.4 + 3.0 * step.variance_px2.sqrt();
         let agreeing: Vec<_> = steps.iter().filter(is_near).collect();
-        let weights: f64 = agreeing.iter().map(|step| 1.0 / (step.1 + STEP_FLOOR_PX2)).sum();
-        let sum: f64 = agreeing.iter().map(|step| step.0 / (step.1 + STEP_FLOOR_PX2)).sum();
+        let weight = |step: &EndStep| 1.0 / (step.variance_px2 + STEP_FLOOR_PX2);
+        let weights: f64 = agreeing.iter().map(|step| weight(step)).sum();
+        let n = agreeing.len() as f64;
         (agreeing.len() >= LEAST_END_COLUMNS).then(|| EndFit {
-            higher_px: sum / weights,
+            higher_px: agreeing.iter().map(|step| step.higher_px * weight(step)).sum::<f64>() / weights,
             sigma_px: (1.0 / weights).sqrt(),
-            agreement: agreeing.len() as f64 / count as f64,
-            px_per_rad: agreeing.iter().map(|step| step.2).sum::<f64>() / agreeing.len() as f64,
-            distance_m: agreeing.iter().map(|step| step.3).sum::<f64>() / agreeing.len() as f64,
+            agreement: n / count as f64,
+            px_per_rad: agreeing.iter().map(|step| step.px_per_rad).sum::<f64>() / n,
+            distance_m: agreeing.iter().map(|step| step.distance_m).sum::<f64>() / n,
         })
     }
 
@@ -138,13 +145,14 @@ impl PlateFinder {
         let step = |column: &EndColumn| {
             let (higher_px, variance_px2, ..) = near::step_at(&column.pixels, &[-1.5, 0.0, 1.5])?;
             let n = column.pixels.len() as f64;
-            Some((higher_px, variance_px2, column.scales / n, column.distances_m / n))
+            let [px_per_rad, distance_m] = [column.scales, column.distances_m].map(|sum| sum / n);
+            Some(EndStep { higher_px, variance_px2, px_per_rad, distance_m })
         };
         (columns.iter().filter_map(step).collect(), count)
     }
 
-    /// A lone edge leaves distance and height open together; with the upper end they are two of two. Also to which share of it the distance is
-    /// known by that.
+    /// A lone edge leaves distance and height open together; with the upper end they are two of two. To which share of it the distance is known
+    /// by that goes with the plane, for [`Self::with_height`]; the covariance is as it was.
     pub(super) fn with_end(
         &self,
         samples: &[Sample],
@@ -152,11 +160,9 @@ impl PlateFinder {
         edge_m: f64,
         camera_height_m: f64,
     ) -> Option<(PlaneFit, f64)> {
-        let mut fit = fit.clone();
         let [lone, top] = [edge_m, self.pillar.high_m()].map(|z| camera_height_m - z);
         // To begin with the announced heights hold, which leaves the edge where it is.
-        fit.plane.c *= Self::farther(&fit, lone);
-        fit.plane.lower_m = 0.0;
+        let mut fit = PlaneFit { plane: Self::at_announced_height(fit, lone), ..fit.clone() };
         let mut share = None;
         for _ in 0..END_ROUNDS {
             let end = self.end(samples, &fit)?;
@@ -176,13 +182,17 @@ impl PlateFinder {
             let sigma_px = end.sigma_px.hypot(END_FLOOR_PX);
             share = Some(distance_m / (lone - top) * sigma_px * per_px);
         }
-        fit.covariance = Self::by_distance(&fit, share?);
         Some((fit, share?))
     }
 
     /// How much farther away than fitted a plate is whose lone edge, so far below the camera, has the announced height.
     fn farther(fit: &PlaneFit, lone_m: f64) -> f64 {
         1.0 / (1.0 + fit.plane.lower_m / lone_m).max(0.5)
+    }
+
+    /// The plane in which the lone edge, so far below the camera, has the announced height.
+    fn at_announced_height(fit: &PlaneFit, lone_m: f64) -> Plane {
+        Plane { c: fit.plane.c * Self::farther(fit, lone_m), lower_m: 0.0, ..fit.plane }
     }
 
     /// The distance by the upper end (known to a share of it) and by the announced height of the lone edge, weighed; where they disagree,
@@ -194,43 +204,38 @@ impl PlateFinder {
         height_sigma_m: f64,
     ) -> PlaneFit {
         let lone = camera_height_m - edge_m;
-        let mut fit = fit.clone();
-        let farther = Self::farther(&fit, lone) - 1.0;
+        let farther = Self::farther(fit, lone) - 1.0;
         let variances = [share.powi(2), (height_sigma_m / lone.abs().max(1e-3)).powi(2)];
         let both = variances[0] + variances[1];
         let by = 1.0 + farther * variances[0] / both;
-        fit.plane.c *= by;
-        fit.plane.lower_m = (lone + fit.plane.lower_m) * by - lone;
+        let plane = Plane { c: fit.plane.c * by, lower_m: (lone + fit.plane.lower_m) * by - lone, ..fit.plane };
         let chi2 = farther * farther / both;
-        fit.covariance = Self::by_distance(&fit, (variances[0] * variances[1] / both * chi2.max(1.0)).sqrt());
-        fit
+        let share = (variances[0] * variances[1] / both * chi2.max(1.0)).sqrt();
+        PlaneFit { plane, covariance: Self::by_distance(fit, &plane, share), ..fit.clone() }
     }
 
-    /// Covariance of (α, c) where it is the distance of what is seen that is known, to this share of it: c follows from that and α.
-    fn by_distance(fit: &PlaneFit, share: f64) -> Matrix2<f64> {
-        let [right, left] = fit.seen_rad;
-        let middle = right + 0.5 * difference(left, right);
+    /// Covariance of (α, c) of a plane where it is the distance of what is seen that is known, to this share of it: c follows from that and α, which
+    /// is known as in the fit.
+    fn by_distance(fit: &PlaneFit, plane: &Plane, share: f64) -> Matrix2<f64> {
         let turn_variance = fit.covariance[(0, 0)];
-        let c_by_turn = fit.plane.c * difference(middle, fit.plane.alpha).tan();
+        let c_by_turn = plane.along(fit.middle_rad());
         let both = c_by_turn * turn_variance;
-        Matrix2::new(turn_variance, both, both, c_by_turn * both + (share * fit.plane.c).powi(2))
+        Matrix2::new(turn_variance, both, both, c_by_turn * both + (share * plane.c).powi(2))
     }
 
     /// The same where too little can be seen of the upper end because somebody hides it or what is behind it is as dark or as bright:
     /// the lone edge has the announced height, as surely as `height_sigma_m` says.
     pub(super) fn by_height(fit: &PlaneFit, edge_m: f64, camera_height_m: f64, height_sigma_m: f64) -> PlaneFit {
         let lone = camera_height_m - edge_m;
-        let mut fit = fit.clone();
-        fit.plane.c *= Self::farther(&fit, lone);
-        fit.plane.lower_m = 0.0;
-        fit.covariance = Self::by_distance(&fit, height_sigma_m / lone.abs().max(1e-3));
-        fit
+        let plane = Self::at_announced_height(fit, lone);
+        let covariance = Self::by_distance(fit, &plane, height_sigma_m / lone.abs().max(1e-3));
+        PlaneFit { plane, covariance, ..fit.clone() }
     }
 
     /// Shares of the columns between two bearings in which the upper end is where it should be, and in which one is seen elsewhere.
     pub(super) fn end_shown(&self, samples: &[Sample], fit: &PlaneFit, [right, left]: [f64; 2]) -> [f64; 2] {
         let (steps, count) = self.end_steps(samples, fit, [right, left]);
-        let there = steps.iter().filter(|step| step.0.abs() < END_PLACE_PX).count();
+        let there = steps.iter().filter(|step| step.higher_px.abs() < END_PLACE_PX).count();
         [there, steps.len() - there].map(|n| n as f64 / count.max(1) as f64)
     }
 
@@ -356,7 +361,7 @@ impl PlateFinder {
 
     /// Heights of the edges between two stripes that the picture reaches on both sides in the middle of what shows stripes.
     pub(super) fn edges_in_view(&self, samples: &[Sample], fit: &PlaneFit) -> Vec<f64> {
-        let middle = fit.seen_rad[0] + 0.5 * difference(fit.seen_rad[1], fit.seen_rad[0]);
+        let middle = fit.middle_rad();
         let (mut low, mut high, mut margin) = (f64::INFINITY, f64::NEG_INFINITY, 0.0f64);
         for sample in samples {
             let aside = difference(f64::from(sample.ray.bearing_rad), middle);

@@ -63,6 +63,11 @@ impl Plane {
     pub(super) fn distance(&self, bearing: f64) -> f64 {
         self.c / (bearing - self.alpha).cos().max(0.05)
     }
+
+    /// From the foot of the normal to where a bearing meets it, metres, to the left.
+    pub(super) fn along(&self, bearing: f64) -> f64 {
+        self.c * (bearing - self.alpha).tan()
+    }
 }
 
 #[derive(Clone)]
@@ -83,6 +88,14 @@ pub(super) struct PlaneFit {
     pub(super) bend: [f64; 2],
     /// Of an upper end, by how many pixels (RMS) its columns are elsewhere, noise taken out.
     pub(super) stray_px: f64,
+}
+
+impl PlaneFit {
+    /// Bearing of the middle of what is seen.
+    pub(super) fn middle_rad(&self) -> f64 {
+        let [right, left] = self.seen_rad;
+        wrap(right + 0.5 * difference(left, right))
+    }
 }
 
 /// Unknowns of a plate (α, c, height, bend) and entries of a column's sums: one, the profile, its derivatives, gray.

@@ -94,8 +94,7 @@ impl PlateFinder {
         let half = 0.5 * self.look.width_m;
         let mut fitted = None;
         for (round, gate_px) in GATES_PX.into_iter().enumerate() {
-            // Along the plane from the foot of its normal.
-            let middle = plane.c * (bearing - plane.alpha).tan();
+            let middle = plane.along(bearing);
             let [right, left] =
                 [-0.96, 0.96].map(|share| wrap(plane.alpha + ((middle + share * half) / plane.c).atan()));
             let starts: &[f64] = if round < 2 { &[-1.5, 0.0, 1.5] } else { &[0.0] };
@@ -211,7 +210,7 @@ impl PlateFinder {
     pub(super) fn side_shown(&self, samples: &[Sample], fit: &PlaneFit) -> SideShown {
         let Some(scale) = samples.first().map(|s| f64::from(s.ray.px_per_bearing)) else { return SideShown::Neither };
         let reach = 0.48 * difference(fit.seen_rad[1], fit.seen_rad[0]);
-        let middle = wrap(fit.seen_rad[0] + 0.5 * difference(fit.seen_rad[1], fit.seen_rad[0]));
+        let middle = fit.middle_rad();
         let count = ((2.0 * reach * scale) as usize).max(1);
         let grams = self.sums(samples, &fit.plane, middle, reach, 2.0 * reach / count as f64, count, BLUR_PX);
         let measured = grams.iter().filter(|gram| shows_edge(gram)).count();

@@ -22,20 +22,22 @@ const LEAST_SPREAD: f32 = 2.0;
 /// What is said of a picture beside its cells: ln of its spread and of its mean.
 pub const OF_PICTURE: usize = 2;
 
-/// From the middle of a fit to either side of its picture, half widths of the body.
-pub const PICTURE_WIDTH: f64 = 1.5;
-/// The lowest and the highest end of that picture, metres above the floor.
-pub const PICTURE_M: [f64; 2] = [-0.05, 0.70];
+/// From the middle of a fit to either side of its picture, half widths of the body; its lower and upper end, metres above the floor.
+const PICTURE_WIDTH: f64 = 1.5;
+const PICTURE_M: [f64; 2] = [-0.05, 0.70];
 
 /// A cell without a pixel.
 pub const UNSEEN: i16 = -1;
 
-/// What a fit looks like: means of grey levels, each with how far across and up it is in the picture, shares of its width and height.
+/// What a fit looks like: means of grey levels, each with how far from the body's middle it is, half widths, and how high above the floor, metres.
 pub fn picture(grays: impl Iterator<Item = ([f64; 2], f64)>) -> Vec<i16> {
+    let side = SIDE as f64;
+    let [low_m, high_m] = PICTURE_M;
     let mut sums = [[0.0f64; 2]; SIDE * SIDE];
-    for (at, gray) in grays {
-        let [across, up] = at.map(|share| share * SIDE as f64);
-        if [across, up].iter().all(|cell| (0.0..SIDE as f64).contains(cell)) {
+    for ([aside, height_m], gray) in grays {
+        let across = (aside + PICTURE_WIDTH) / (2.0 * PICTURE_WIDTH) * side;
+        let up = (height_m - low_m) / (high_m - low_m) * side;
+        if (0.0..side).contains(&across) && (0.0..side).contains(&up) {
             let sum = &mut sums[up as usize * SIDE + across as usize];
             *sum = [sum[0] + gray, sum[1] + 1.0];
         }
