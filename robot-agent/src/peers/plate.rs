@@ -64,7 +64,8 @@ const HEIGHT_FLOOR_M: f64 = 3e-3;
 /// Beyond, a plate is too few pixels for its stripes to be told from a cylinder's rings, metres.
 const FARTHEST_M: f64 = 6.2;
 /// The plane's distance is right to this share when noise has averaged out; its turn to this angle.
-const PLANE_FLOOR: [f64; 2] = [6e-3, 1.5e-3];
+const DISTANCE_FLOOR: f64 = 6e-3;
+const TURN_FLOOR_RAD: f64 = 6e-3;
 /// So far above the upper end is looked at: there is the mast of a robot, or more of what is taller, radians.
 const ABOVE_END_RAD: f64 = 0.15;
 const MAX_PEERS: usize = 8;
@@ -311,9 +312,8 @@ impl PlateFinder {
         let rise = (self.pillar.high_m() - camera.viewpoint_body_m().z).abs();
         let by_height =
             fit.plane.c * mounting.position_m.z.hypot(HEIGHT_FLOOR_M).hypot(tilt * fit.plane.c) / rise.max(0.01);
-        let c_floor = (PLANE_FLOOR[0] * fit.plane.c).hypot(by_height);
-        let plane_covariance =
-            fit.covariance + Matrix2::new(PLANE_FLOOR[1].powi(2) * 16.0, 0.0, 0.0, c_floor * c_floor);
+        let c_floor = (DISTANCE_FLOOR * fit.plane.c).hypot(by_height);
+        let plane_covariance = fit.with_floors(TURN_FLOOR_RAD, c_floor);
         let middle = fit.middle_rad();
         if difference(fit.plane.alpha, middle).abs() > MOST_TURN_RAD || !Self::is_straight(&fit) {
             return None;
@@ -322,7 +322,7 @@ impl PlateFinder {
         let posed = match side {
             SideShown::By { sign, .. } => {
                 fit.sign = sign;
-                self.between_sides(samples, &fit, &plane_covariance, Some(searched_rad))?
+                self.between_sides(samples, &fit, &plane_covariance, searched_rad)?
             }
             SideShown::Unseen => self.of_either_side(samples, &fit, &plane_covariance, searched_rad)?,
             SideShown::Neither => return None,
@@ -392,8 +392,8 @@ impl PlateFinder {
             [] => return None,
             [lone] => match self.with_end(samples, fit, lone, height_m) {
                 Some(end) => {
-                    let fit = Self::with_height(&end, lone, height_m, height_sigma_m);
-                    vec![(fit, Height::ByEnd, chi2(&end.0)), announced(lone)]
+                    let fit = Self::with_height(&end, height_sigma_m);
+                    vec![(fit, Height::ByEnd, chi2(&end)), announced(lone)]
                 }
                 None => vec![announced(lone)],
             },
@@ -402,7 +402,7 @@ impl PlateFinder {
         let mut best: Option<Fit> = None;
         // What ends near the upper end may be something behind a plate whose upper stripe is as dark or as bright.
         for (plane, height, height_chi2) in planes {
-            if let Some(fit) = self.by_plane(camera, samples, &plane, (height, height_chi2), tilt)
+            if let Some(fit) = self.by_plane(camera, samples, (&plane, fit.seen_rad), (height, height_chi2), tilt)
                 && best.as_ref().is_none_or(|best| fit.traits.log_odds() > best.traits.log_odds())
             {
                 let is_taken = fit.is_taken;
@@ -415,12 +415,13 @@ impl PlateFinder {
         best
     }
 
-    /// The plate in the plane of its stripes, the height of which is known in some way, with its χ²; `tilt` is the camera's standard deviation.
+    /// The plate in the plane of its stripes, which are seen between two bearings. Their height is known in some way, with its χ²; `tilt` is the
+    /// camera's standard deviation.
     fn by_plane(
         &self,
         camera: &MountedCamera,
         samples: &[Sample],
-        fit: &PlaneFit,
+        (fit, stripes_rad): (&PlaneFit, [f64; 2]),
         (height, height_chi2): (Height, f64),
         tilt: f64,
     ) -> Option<Fit> {
@@ -429,10 +430,9 @@ impl PlateFinder {
             return None;
         }
         // A wrong height or tilt shifts the distance; both are in the fitted height as far as stripes can tell.
-        let c_floor = PLANE_FLOOR[0] * fit.plane.c + tilt * fit.plane.c;
-        let plane_covariance =
-            fit.covariance + Matrix2::new(PLANE_FLOOR[1].powi(2) * 16.0, 0.0, 0.0, c_floor * c_floor);
-        let posed = self.between_sides(samples, fit, &plane_covariance, None)?;
+        let c_floor = DISTANCE_FLOOR * fit.plane.c + tilt * fit.plane.c;
+        let plane_covariance = fit.with_floors(TURN_FLOOR_RAD, c_floor);
+        let posed = self.between_sides(samples, fit, &plane_covariance, stripes_rad)?;
         if posed.chi2.is_nan() || posed.chi2 > WORST_CHI2 {
             return None;
         }
@@ -504,25 +504,21 @@ impl PlateFinder {
 
     /// The pose between two sides. Where the background goes on with a stripe, the run of columns ends too late: then one side is
     /// where the width puts it beside the other. Where it is as dark or as bright as the plate, the run ends too early: then a side is
-    /// looked for where the search had it (`searched_rad`: right, left).
+    /// looked for elsewhere (`or_rad`: right, left).
     fn between_sides(
         &self,
         samples: &[Sample],
         fit: &PlaneFit,
         plane_covariance: &Matrix2<f64>,
-        searched_rad: Option<[f64; 2]>,
+        or_rad: [f64; 2],
     ) -> Option<Posed> {
         let [right, left] = [(Side::Right, 0), (Side::Left, 1)].map(|(side, k)| {
             let by_run = self.side(samples, fit, side, fit.seen_rad[k]);
-            by_run.or_else(|| self.side(samples, fit, side, searched_rad?[k]))
+            by_run.or_else(|| self.side(samples, fit, side, or_rad[k]))
         });
-        let along = Vector2::new(-fit.plane.alpha.sin(), fit.plane.alpha.cos()) * self.look.width_m;
-        let beside = |at: f64, sign: f64| {
-            let p = Vector2::new(at.cos(), at.sin()) * fit.plane.distance(at) + sign * along;
-            p.y.atan2(p.x)
-        };
-        let by_right = right.and_then(|r| self.side(samples, fit, Side::Left, beside(r.0, 1.0)));
-        let by_left = left.and_then(|l| self.side(samples, fit, Side::Right, beside(l.0, -1.0)));
+        let wide_m = self.look.width_m;
+        let by_right = right.and_then(|r| self.side(samples, fit, Side::Left, fit.plane.beside(r.0, wide_m)));
+        let by_left = left.and_then(|l| self.side(samples, fit, Side::Right, fit.plane.beside(l.0, -wide_m)));
         let mut posed: Vec<Posed> = [(right, left), (right, by_right), (by_left, left)]
             .into_iter()
             .filter_map(|(right, left)| self.pose(fit, plane_covariance, right?, left?))
@@ -575,10 +571,8 @@ impl PlateFinder {
         if !(LEAST_SHOWN..1.0).contains(&shown) {
             return None;
         }
-        let along = Vector2::new(-fit.plane.alpha.sin(), fit.plane.alpha.cos()) * self.look.width_m;
-        let unseen = |beside: (f64, EdgeFit), sign: f64| {
-            let p = point(beside.0) + sign * along;
-            (p.y.atan2(p.x), EdgeFit { sigma_rad: UNSEEN_SIGMA_RAD, ..beside.1 })
+        let unseen = |(at, edge): (f64, EdgeFit), sign: f64| {
+            (fit.plane.beside(at, sign * self.look.width_m), EdgeFit { sigma_rad: UNSEEN_SIGMA_RAD, ..edge })
         };
         let by_right = self.pose(fit, plane_covariance, right, unseen(right, 1.0))?;
         let mut posed = by_right.or_as_likely(&self.pose(fit, plane_covariance, unseen(left, -1.0), left)?);

@@ -2,7 +2,7 @@
 
 use std::f64::consts::FRAC_PI_2;
 
-use nalgebra::{Matrix2, Vector2};
+use nalgebra::{Matrix2, Matrix3, SMatrix, SVector, Vector2};
 use protocol::angle::{difference, wrap};
 
 use super::super::edges::{self, EdgeFit, Pixel, Side};
@@ -10,12 +10,13 @@ use super::super::look::MAX_RINGS;
 use super::super::near;
 use super::super::rays::Sample;
 use super::super::rings::{self, BLUR_PX, median};
-use super::PlateFinder;
 use super::plane::{Plane, PlaneFit, shown, shows_edge};
+use super::{PlateFinder, TURN_FLOOR_RAD};
 
-/// The upper end is right to this, pixels, when noise has averaged out; noise may leave it so uncertain.
+/// The upper end is right to this, pixels, when noise has averaged out.
 const END_FLOOR_PX: f64 = 0.1;
-const WORST_END_PX: f64 = 0.5;
+/// It must tell the plane's distance to this share.
+const WORST_END_SHARE: f64 = 0.1;
 /// Its columns are so wide, and pixels so far above and below it are looked at.
 const END_COLUMN_PX: f64 = 1.5;
 const END_REACH_PX: [f64; 2] = [3.5, 5.0];
@@ -26,10 +27,12 @@ const STEP_FLOOR_PX2: f64 = 0.01;
 const LEAST_END_COLUMNS: usize = 6;
 /// Share of the columns that must agree on the upper end.
 const LEAST_END_AGREEMENT: f64 = 0.5;
+/// A column so far from the others, pixels, counts half; so far beside its noise it is something else.
+const END_STRAY_PX: f64 = 0.4;
 /// In a column it is where it should be to this, pixels.
 const END_PLACE_PX: f64 = 0.8;
 /// Rounds in which a lone edge and the upper end settle distance and height.
-const END_ROUNDS: usize = 3;
+const END_ROUNDS: usize = 5;
 /// Beyond an end of the plate a further stripe is like its second to this share of their contrast, and ends with this share of
 /// it.
 const LIKE: f64 = 0.25;
@@ -66,29 +69,59 @@ struct EndStep {
     /// Higher than predicted, and that place's variance.
     higher_px: f64,
     variance_px2: f64,
-    px_per_rad: f64,
-    /// Predicted.
-    distance_m: f64,
+    bearing_rad: f64,
+    px_per_m: f64,
 }
 
-/// Pixels of a column about the upper end (how much higher, gray), and sums of their scales and of how far away they are predicted to be.
+/// Pixels of a column about the upper end (how much higher, gray), and sums of their bearings from the right and of their scales.
 #[derive(Clone, Default)]
 struct EndColumn {
     pixels: Vec<(f64, f64)>,
-    scales: f64,
-    distances_m: f64,
+    asides_rad: f64,
+    px_per_m: f64,
 }
 
-/// Where the upper end of a plate is.
-struct EndFit {
-    /// Higher than predicted, and the standard deviation.
-    higher_px: f64,
-    sigma_px: f64,
-    /// Share of the columns that agree.
-    agreement: f64,
-    px_per_rad: f64,
-    /// Of the columns that agree, predicted.
-    distance_m: f64,
+/// What one edge between stripes tells of its plane: the turn, and the height over the distance.
+struct LoneEdge {
+    alpha: f64,
+    /// Of the edge below the camera over the plane's distance.
+    drop: f64,
+    covariance: Matrix2<f64>,
+    /// Of the edge below the camera, as announced.
+    lone_m: f64,
+}
+
+impl LoneEdge {
+    fn of(fit: &PlaneFit, lone_m: f64) -> Self {
+        let mut edge = Self { alpha: fit.plane.alpha, drop: 0.0, covariance: Matrix2::zeros(), lone_m };
+        edge.drop = (lone_m + fit.plane.lower_m) / fit.plane.c;
+        let j = edge.residual(&fit.plane).0;
+        edge.covariance = j * fit.covariance * j.transpose();
+        edge.covariance[(0, 0)] += TURN_FLOOR_RAD * TURN_FLOOR_RAD;
+        edge
+    }
+
+    /// How (α, drop) of a plane vary with (α, c, height), and what they are short of.
+    fn residual(&self, plane: &Plane) -> (SMatrix<f64, 2, 3>, Vector2<f64>) {
+        let drop = (self.lone_m + plane.lower_m) / plane.c;
+        let j = SMatrix::<f64, 2, 3>::new(1.0, 0.0, 0.0, 0.0, -drop / plane.c, 1.0 / plane.c);
+        (j, Vector2::new(difference(self.alpha, plane.alpha), self.drop - drop))
+    }
+
+    /// The plane where its stripes are so much lower than announced.
+    fn plane_at(&self, lower_m: f64) -> Plane {
+        Plane { alpha: self.alpha, c: (self.lone_m + lower_m) / self.drop, lower_m }
+    }
+
+    /// Covariance of (α, c, height) where the height is known.
+    fn covariance_at(&self, lower_m: f64, sigma_m: f64) -> Matrix3<f64> {
+        let by_drop = -(self.lone_m + lower_m) / self.drop.powi(2);
+        let j = Matrix3::new(1.0, 0.0, 0.0, 0.0, by_drop, 1.0 / self.drop, 0.0, 0.0, 1.0);
+        let mut known = Matrix3::zeros();
+        known.fixed_view_mut::<2, 2>(0, 0).copy_from(&self.covariance);
+        known[(2, 2)] = sigma_m * sigma_m;
+        j * known * j.transpose()
+    }
 }
 
 impl PlateFinder {
@@ -97,24 +130,6 @@ impl PlateFinder {
         let middle = self.pillar.middle_reflectance();
         let ring = middle + fit.sign * (ring - middle);
         Pixel { gray: sample.gray, row: 0, inside_rad, px_per_rad, half_px: BESIDE_PX, ring }
-    }
-
-    /// How much further up the plate goes than it should, column by column: each has its own light, and some have a mast.
-    fn end(&self, samples: &[Sample], fit: &PlaneFit) -> Option<EndFit> {
-        let (steps, count) = self.end_steps(samples, fit, fit.seen_rad);
-        let middle = median(&mut steps.iter().map(|step| step.higher_px).collect::<Vec<_>>());
-        let is_near = |step: &&EndStep| (step.higher_px - middle).abs() < 0.4 + 3.0 * step.variance_px2.sqrt();
-        let agreeing: Vec<_> = steps.iter().filter(is_near).collect();
-        let weight = |step: &EndStep| 1.0 / (step.variance_px2 + STEP_FLOOR_PX2);
-        let weights: f64 = agreeing.iter().map(|step| weight(step)).sum();
-        let n = agreeing.len() as f64;
-        (agreeing.len() >= LEAST_END_COLUMNS).then(|| EndFit {
-            higher_px: agreeing.iter().map(|step| step.higher_px * weight(step)).sum::<f64>() / weights,
-            sigma_px: (1.0 / weights).sqrt(),
-            agreement: n / count as f64,
-            px_per_rad: agreeing.iter().map(|step| step.px_per_rad).sum::<f64>() / n,
-            distance_m: agreeing.iter().map(|step| step.distance_m).sum::<f64>() / n,
-        })
     }
 
     /// Where something ends near the upper end, in each column between two bearings that shows it, and how many columns there are.
@@ -126,7 +141,8 @@ impl PlateFinder {
         let count = (difference(left, right) * scale / END_COLUMN_PX) as usize;
         let mut columns = vec![EndColumn::default(); count];
         for sample in samples {
-            let along = difference(f64::from(sample.ray.bearing_rad), right) * scale / END_COLUMN_PX;
+            let aside_rad = difference(f64::from(sample.ray.bearing_rad), right);
+            let along = aside_rad * scale / END_COLUMN_PX;
             if !(0.0..count as f64).contains(&along) {
                 continue;
             }
@@ -138,98 +154,109 @@ impl PlateFinder {
             if (-down_px..=END_REACH_PX[0]).contains(&higher_px) {
                 let column = &mut columns[along as usize];
                 column.pixels.push((higher_px, sample.gray));
-                column.scales += f64::from(sample.ray.px_per_elevation);
-                column.distances_m += distance;
+                column.asides_rad += aside_rad;
+                column.px_per_m += 1.0 / m_per_px;
             }
         }
         let step = |column: &EndColumn| {
             let (higher_px, variance_px2, ..) = near::step_at(&column.pixels, &[-1.5, 0.0, 1.5])?;
             let n = column.pixels.len() as f64;
-            let [px_per_rad, distance_m] = [column.scales, column.distances_m].map(|sum| sum / n);
-            Some(EndStep { higher_px, variance_px2, px_per_rad, distance_m })
+            let bearing_rad = wrap(right + column.asides_rad / n);
+            Some(EndStep { higher_px, variance_px2, bearing_rad, px_per_m: column.px_per_m / n })
         };
         (columns.iter().filter_map(step).collect(), count)
     }
 
-    /// A lone edge leaves distance and height open together; with the upper end they are two of two. To which share of it the distance is known
-    /// by that goes with the plane, for [`Self::with_height`]; the covariance is as it was.
+    /// A lone edge tells the turn, and distance and height together; so does the upper end: they are four numbers for three. The height of the
+    /// stripes beside the announced one is still free ([`Self::with_height`]).
     pub(super) fn with_end(
         &self,
         samples: &[Sample],
         fit: &PlaneFit,
         edge_m: f64,
         camera_height_m: f64,
-    ) -> Option<(PlaneFit, f64)> {
+    ) -> Option<PlaneFit> {
         let [lone, top] = [edge_m, self.pillar.high_m()].map(|z| camera_height_m - z);
-        // To begin with the announced heights hold, which leaves the edge where it is.
-        let mut fit = PlaneFit { plane: Self::at_announced_height(fit, lone), ..fit.clone() };
-        let mut share = None;
-        for _ in 0..END_ROUNDS {
-            let end = self.end(samples, &fit)?;
-            if end.agreement < LEAST_END_AGREEMENT || end.sigma_px > WORST_END_PX {
+        let edge = LoneEdge::of(fit, lone);
+        let weight = edge.covariance.try_inverse()?;
+        // To begin with the announced height holds, which leaves the edge where it is.
+        let start = edge.plane_at(0.0);
+        let mut fit = PlaneFit { plane: start, ..fit.clone() };
+        for round in 0..END_ROUNDS {
+            let (steps, count) = self.end_steps(samples, &fit, fit.seen_rad);
+            let middle_px = match round {
+                0 => median(&mut steps.iter().map(|step| step.higher_px).collect::<Vec<_>>()),
+                _ => 0.0,
+            };
+            // Unknown: α, c, height, and by how much something moves the whole end and tilts it, pixels.
+            let (mut h, mut g) = (SMatrix::<f64, 5, 5>::zeros(), SVector::<f64, 5>::zeros());
+            let (middle_rad, half_rad) = (fit.middle_rad(), 0.5 * difference(fit.seen_rad[1], fit.seen_rad[0]));
+            let plane = &mut fit.plane;
+            let (j, apart) = edge.residual(plane);
+            h.fixed_view_mut::<3, 3>(0, 0).copy_from(&(j.transpose() * weight * j));
+            g.fixed_rows_mut::<3>(0).copy_from(&(j.transpose() * weight * apart));
+            h[(3, 3)] = END_FLOOR_PX.powi(-2);
+            h[(4, 4)] = END_FLOOR_PX.powi(-2);
+            let mut agreeing = 0;
+            for step in &steps {
+                let rise = -(top + plane.lower_m) * step.px_per_m;
+                // How much lower than predicted the end is then.
+                let row = SVector::<f64, 5>::new(
+                    rise * (step.bearing_rad - plane.alpha).tan(),
+                    -rise / plane.c,
+                    -step.px_per_m,
+                    1.0,
+                    difference(step.bearing_rad, middle_rad) / half_rad,
+                );
+                let away_px = (step.higher_px - middle_px).abs();
+                let stray = away_px / END_STRAY_PX.hypot(step.variance_px2.sqrt());
+                let weight = 1.0 / (step.variance_px2 + STEP_FLOOR_PX2) / (1.0 + stray * stray);
+                agreeing += usize::from(away_px < END_STRAY_PX + 3.0 * step.variance_px2.sqrt());
+                h += weight * row * row.transpose();
+                g += weight * row * step.higher_px;
+            }
+            // At first their turn may be wrong.
+            let wanted = if round == 0 { 0.0 } else { LEAST_END_AGREEMENT * count as f64 };
+            if agreeing < LEAST_END_COLUMNS || (agreeing as f64) < wanted {
                 return None;
             }
-            // Of a turned plate the columns are farther away than its plane.
-            let drops = [lone, top].map(|drop| (drop + fit.plane.lower_m) / end.distance_m);
-            let per_px = (1.0 + drops[1] * drops[1]) / end.px_per_rad;
-            let distance_m = (lone - top) / (drops[0] - (drops[1] - end.higher_px * per_px));
-            let farther = distance_m / end.distance_m;
+            let inverse = h.try_inverse()?;
+            let delta = inverse * g;
+            plane.alpha += delta[0].clamp(-0.25, 0.25);
+            plane.c += delta[1].clamp(-0.3 * plane.c, 0.3 * plane.c);
+            plane.lower_m += delta[2];
+            // The number too many is the turn: as they disagree about that all is uncertain.
+            let short = edge.residual(plane).1[0];
+            let chi2 = short * short / (edge.covariance[(0, 0)] - inverse[(0, 0)]).max(1e-12);
+            fit.covariance = inverse.fixed_view::<3, 3>(0, 0) * chi2.max(1.0);
+            let farther = fit.plane.distance(fit.middle_rad()) / start.distance(fit.middle_rad());
             if !(farther > 0.7 && farther < 1.4) {
                 return None;
             }
-            fit.plane.c *= farther;
-            fit.plane.lower_m = distance_m * drops[0] - lone;
-            let sigma_px = end.sigma_px.hypot(END_FLOOR_PX);
-            share = Some(distance_m / (lone - top) * sigma_px * per_px);
+            if round == 1 {
+                fit.seen_rad = self.stripes_or_end(samples, &fit);
+            }
         }
-        Some((fit, share?))
+        (fit.covariance[(1, 1)].sqrt() < WORST_END_SHARE * fit.plane.c).then_some(fit)
     }
 
-    /// How much farther away than fitted a plate is whose lone edge, so far below the camera, has the announced height.
-    fn farther(fit: &PlaneFit, lone_m: f64) -> f64 {
-        1.0 / (1.0 + fit.plane.lower_m / lone_m).max(0.5)
-    }
-
-    /// The plane in which the lone edge, so far below the camera, has the announced height.
-    fn at_announced_height(fit: &PlaneFit, lone_m: f64) -> Plane {
-        Plane { c: fit.plane.c * Self::farther(fit, lone_m), lower_m: 0.0, ..fit.plane }
-    }
-
-    /// The distance by the upper end (known to a share of it) and by the announced height of the lone edge, weighed; where they disagree,
-    /// it is as uncertain as that says.
-    pub(super) fn with_height(
-        (fit, share): &(PlaneFit, f64),
-        edge_m: f64,
-        camera_height_m: f64,
-        height_sigma_m: f64,
-    ) -> PlaneFit {
-        let lone = camera_height_m - edge_m;
-        let farther = Self::farther(fit, lone) - 1.0;
-        let variances = [share.powi(2), (height_sigma_m / lone.abs().max(1e-3)).powi(2)];
-        let both = variances[0] + variances[1];
-        let by = 1.0 + farther * variances[0] / both;
-        let plane = Plane { c: fit.plane.c * by, lower_m: (lone + fit.plane.lower_m) * by - lone, ..fit.plane };
-        let chi2 = farther * farther / both;
-        let share = (variances[0] * variances[1] / both * chi2.max(1.0)).sqrt();
-        PlaneFit { plane, covariance: Self::by_distance(fit, &plane, share), ..fit.clone() }
-    }
-
-    /// Covariance of (α, c) of a plane where it is the distance of what is seen that is known, to this share of it: c follows from that and α, which
-    /// is known as in the fit.
-    fn by_distance(fit: &PlaneFit, plane: &Plane, share: f64) -> Matrix2<f64> {
-        let turn_variance = fit.covariance[(0, 0)];
-        let c_by_turn = plane.along(fit.middle_rad());
-        let both = c_by_turn * turn_variance;
-        Matrix2::new(turn_variance, both, both, c_by_turn * both + (share * plane.c).powi(2))
+    /// The stripes are as high as announced, as surely as `height_sigma_m` says; where that disagrees, all is as uncertain as it disagrees.
+    pub(super) fn with_height(fit: &PlaneFit, height_sigma_m: f64) -> PlaneFit {
+        let PlaneFit { plane, covariance, .. } = fit;
+        let variance = covariance[(2, 2)] + height_sigma_m * height_sigma_m;
+        let gain = covariance.column(2) / variance;
+        let chi2 = plane.lower_m * plane.lower_m / variance;
+        let by = -gain * plane.lower_m;
+        let plane = Plane { alpha: plane.alpha + by[0], c: plane.c + by[1], lower_m: plane.lower_m + by[2] };
+        let covariance = (covariance - gain * gain.transpose() * variance) * chi2.max(1.0);
+        PlaneFit { plane, covariance, ..fit.clone() }
     }
 
     /// The same where too little can be seen of the upper end because somebody hides it or what is behind it is as dark or as bright:
     /// the lone edge has the announced height, as surely as `height_sigma_m` says.
     pub(super) fn by_height(fit: &PlaneFit, edge_m: f64, camera_height_m: f64, height_sigma_m: f64) -> PlaneFit {
-        let lone = camera_height_m - edge_m;
-        let plane = Self::at_announced_height(fit, lone);
-        let covariance = Self::by_distance(fit, &plane, height_sigma_m / lone.abs().max(1e-3));
-        PlaneFit { plane, covariance, ..fit.clone() }
+        let edge = LoneEdge::of(fit, camera_height_m - edge_m);
+        PlaneFit { plane: edge.plane_at(0.0), covariance: edge.covariance_at(0.0, height_sigma_m), ..fit.clone() }
     }
 
     /// Shares of the columns between two bearings in which the upper end is where it should be, and in which one is seen elsewhere.

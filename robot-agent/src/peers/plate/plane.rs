@@ -1,6 +1,6 @@
 //! The plane of a plate's stripes, from all of its pixels.
 
-use nalgebra::{Matrix2, SMatrix, SVector};
+use nalgebra::{Matrix2, Matrix3, SMatrix, SVector, Vector2};
 use protocol::angle::{difference, wrap};
 
 use super::super::look::MAX_RINGS;
@@ -22,6 +22,8 @@ const MOST_PIXELS: usize = 1500;
 /// A first round whose stripes correlate less is not worth a second.
 const HOPELESS: f64 = 0.65;
 const LEAST_COLUMNS: usize = 4;
+/// A column counts half from which its rest is so many times what is usual, squared: the border of something else is in it.
+const STRAY: f64 = 3.0;
 /// What the bend is a priori, cylinders of the plate's width.
 const BEND_FREE: f64 = 3.0;
 /// A plate bends less than this beside noise, cylinders of its width.
@@ -68,13 +70,18 @@ impl Plane {
     pub(super) fn along(&self, bearing: f64) -> f64 {
         self.c * (bearing - self.alpha).tan()
     }
+
+    /// Bearing of what is so much further to the left in the plane than what a bearing meets.
+    pub(super) fn beside(&self, bearing: f64, left_m: f64) -> f64 {
+        wrap(self.alpha + (self.along(bearing) + left_m).atan2(self.c))
+    }
 }
 
 #[derive(Clone)]
 pub(super) struct PlaneFit {
     pub(super) plane: Plane,
-    /// Of (α, c), metres and radians.
-    pub(super) covariance: Matrix2<f64>,
+    /// Of (α, c, height), metres and radians.
+    pub(super) covariance: Matrix3<f64>,
     pub(super) noise: f64,
     /// −1 where it is the back.
     pub(super) sign: f64,
@@ -91,6 +98,11 @@ pub(super) struct PlaneFit {
 }
 
 impl PlaneFit {
+    /// Covariance of (α, c) where these are right to so much when noise has averaged out.
+    pub(super) fn with_floors(&self, turn_rad: f64, c_m: f64) -> Matrix2<f64> {
+        self.covariance.fixed_view::<2, 2>(0, 0) + Matrix2::from_diagonal(&Vector2::new(turn_rad * turn_rad, c_m * c_m))
+    }
+
     /// Bearing of the middle of what is seen.
     pub(super) fn middle_rad(&self) -> f64 {
         let [right, left] = self.seen_rad;
@@ -137,9 +149,16 @@ impl PlateFinder {
             let (mut rest2, mut dof, mut correlation, mut used) = (0.0, 0.0, 0.0, 0);
             let (mut gains, mut correlations, mut blacks) = (Vec::new(), Vec::new(), Vec::new());
             let darkest = self.darkest(sign);
-            for (gram, column) in grams[first..=last].iter().zip(&shown[first..=last]) {
-                let Some((own, gain)) = column.filter(|(c, _)| c * sign > 0.0) else { continue };
+            let stray2 = STRAY
+                * median(
+                    &mut of_columns(&grams, &shown, first..=last, sign)
+                        .map(|(gram, ..)| rest2_of(gram))
+                        .collect::<Vec<_>>(),
+                )
+                .max(0.25);
+            for (gram, own, gain) in of_columns(&grams, &shown, first..=last, sign) {
                 let n = gram[(0, 0)];
+                let weight = 1.0 / (1.0 + (rest2_of(gram) / stray2).powi(2));
                 let pp = gram[(1, 1)] - gram[(0, 1)].powi(2) / n;
                 let free = |i: usize, j: usize| {
                     let pi = gram[(1, i)] - gram[(0, 1)] * gram[(0, i)] / n;
@@ -148,12 +167,12 @@ impl PlateFinder {
                 };
                 for i in 0..UNKNOWNS {
                     for j in 0..UNKNOWNS {
-                        h[(i, j)] += gain * gain * free(2 + i, 2 + j);
+                        h[(i, j)] += weight * gain * gain * free(2 + i, 2 + j);
                     }
-                    g[i] += gain * free(2 + i, GRAY);
+                    g[i] += weight * gain * free(2 + i, GRAY);
                 }
-                rest2 += free(GRAY, GRAY).max(0.0);
-                dof += n - 2.0;
+                rest2 += weight * free(GRAY, GRAY).max(0.0);
+                dof += weight * (n - 2.0);
                 correlation += own.abs();
                 used += 1;
                 gains.push(gain.abs());
@@ -184,7 +203,7 @@ impl PlateFinder {
             let at = |column: usize| wrap(bearing - reach + (column as f64 + 0.5) * wide);
             fitted = Some(PlaneFit {
                 plane,
-                covariance: inverse.fixed_view::<2, 2>(0, 0) * noise2,
+                covariance: inverse * noise2,
                 noise: noise2.sqrt(),
                 sign,
                 seen_rad: [at(first), at(last)],
@@ -258,6 +277,24 @@ fn bend(mut h: SMatrix<f64, UNKNOWNS, UNKNOWNS>, g: SVector<f64, UNKNOWNS>, nois
     h[(3, 3)] += noise2 / (BEND_FREE * BEND_FREE);
     let inverse = h.try_inverse()?;
     Some([(inverse * g)[3], (inverse[(3, 3)] * noise2).sqrt()])
+}
+
+/// The columns of a run that show stripes of its sign, with their gains.
+fn of_columns<'a>(
+    grams: &'a [Sums],
+    shown: &'a [Option<(f64, f64)>],
+    run: std::ops::RangeInclusive<usize>,
+    sign: f64,
+) -> impl Iterator<Item = (&'a Sums, f64, f64)> {
+    let columns = grams[run.clone()].iter().zip(&shown[run]);
+    columns.filter_map(move |(gram, column)| column.filter(|(c, _)| c * sign > 0.0).map(|(c, gain)| (gram, c, gain)))
+}
+
+/// Squared grey levels by which a column's pixels are apart from stripes of its own light.
+fn rest2_of(gram: &Sums) -> f64 {
+    let n = gram[(0, 0)];
+    let free = |i: usize, j: usize| gram[(i, j)] - gram[(0, i)] * gram[(0, j)] / n;
+    (free(GRAY, GRAY) - free(1, GRAY).powi(2) / free(1, 1)).max(0.0) / (n - 2.0)
 }
 
 fn bearing_column(reach: f64, wide: f64) -> usize {

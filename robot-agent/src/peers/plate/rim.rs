@@ -7,7 +7,7 @@
 //! Where none is, front and back look alike and doors look like either (one in 370 rooms): such plates are taken only very near,
 //! where everything fits better than it need, and are put midway between what front and back would mean.
 
-use nalgebra::{Matrix2, Matrix3, Vector3};
+use nalgebra::{Matrix2, Matrix3, Matrix4, Vector3, Vector4};
 use protocol::angle::{difference, wrap};
 
 use super::super::near;
@@ -32,8 +32,13 @@ const GATES_PX: [f64; ROUNDS] = [1.5, 1.5, 0.9, 0.6, 0.6, 0.6];
 const STRAY_PX: f64 = 0.3;
 /// The line is straight and level to this, pixels.
 const LINE_FLOOR_PX: f64 = 0.05;
+/// Something may tilt it by so much at its ends.
+const TILT_FLOOR_PX: f64 = 0.1;
 /// What a line is worth beside stripes: where both are to be had, stripes are taken.
 const CORRELATION: f64 = 0.97;
+/// The line is looked for so far beside where it was searched for, as a share of its width; a column of it has this share of its usual step.
+const MOST_ASIDE: f64 = 0.3;
+const LIKE_STEP: f64 = 0.25;
 /// A line that bends by more than this beside four sigmas is a cylinder's or none, cylinders of the plate's width.
 const STRAIGHT: f64 = 0.06;
 /// So many columns must show two stripes: without, chairs, boxes and doors are taken for plates.
@@ -87,6 +92,23 @@ struct Crossing {
     px_per_rad: f64,
 }
 
+/// The ends of the longest run of columns, gaps (a mast) of up to a third of it jumped.
+fn longest_run(bearings_rad: impl Iterator<Item = f64>, column_rad: f64) -> Option<[f64; 2]> {
+    let (mut best, mut run): (Option<(usize, [f64; 2])>, Option<(usize, [f64; 2])>) = (None, None);
+    for at in bearings_rad {
+        run = match run {
+            Some((n, [first, last])) if at - last < column_rad * ((n / 3).max(2) as f64 + 1.5) => {
+                Some((n + 1, [first, at]))
+            }
+            _ => Some((1, [at, at])),
+        };
+        if run.map(|(n, _)| n) > best.map(|(n, _)| n) {
+            best = run;
+        }
+    }
+    best.map(|(_, ends)| ends)
+}
+
 impl PlateFinder {
     /// The plane of an upper end near a bearing. `rise_m`: of the end above the camera.
     pub(super) fn fit_rim(&self, samples: &[Sample], start: Plane, bearing: f64, rise_m: f64) -> Option<PlaneFit> {
@@ -115,13 +137,16 @@ impl PlateFinder {
                 let farther = bend * along * along / self.look.width_m;
                 rise_m.atan2(c / (at - alpha).cos().max(0.05) + farther)
             };
-            let (mut h, mut g, mut chi2, mut squares) = (Matrix3::zeros(), Vector3::zeros(), 0.0, 0.0);
+            let (mut h, mut g, mut chi2, mut squares) = (Matrix4::zeros(), Vector4::zeros(), 0.0, 0.0);
+            h[(2, 2)] = TILT_FLOOR_PX.powi(-2);
             for crossing in &agreeing {
                 let (alpha, c, at) = (plane.alpha, plane.c, crossing.bearing_rad);
                 let here = elevation(alpha, c, 0.0, at);
-                let row = Vector3::new(
+                let aside = 2.0 * difference(at, right) / difference(left, right) - 1.0;
+                let row = Vector4::new(
                     (elevation(alpha + 1e-4, c, 0.0, at) - here) / 1e-4,
                     (elevation(alpha, c * 1.0001, 0.0, at) - here) / (c * 1e-4),
+                    aside / crossing.px_per_rad,
                     (elevation(alpha, c, 1e-3, at) - here) / 1e-3,
                 ) * crossing.px_per_rad;
                 // What is beside the line in the background pulls no column far.
@@ -135,8 +160,9 @@ impl PlateFinder {
             }
             let n = agreeing.len() as f64;
             let inflate = (chi2 / (n - 2.0)).max(1.0);
-            let inverse: Matrix2<f64> = h.fixed_view::<2, 2>(0, 0).into_owned().try_inverse()?;
-            let delta = inverse * g.fixed_rows::<2>(0);
+            // Of one that does not bend.
+            let inverse = h.fixed_view::<3, 3>(0, 0).into_owned().try_inverse()?;
+            let delta = inverse * g.fixed_rows::<3>(0);
             let free = h.try_inverse()?;
             plane.alpha += delta[0].clamp(-0.2, 0.2);
             plane.c += delta[1].clamp(-0.08 * plane.c, 0.08 * plane.c);
@@ -145,22 +171,62 @@ impl PlateFinder {
                 return None;
             }
             let stray_px = (squares / n).max(0.0).sqrt();
-            let bearings = agreeing.iter().map(|c| difference(c.bearing_rad, bearing));
-            let (first, last) = bearings.fold((f64::MAX, f64::MIN), |(low, high), b| (low.min(b), high.max(b)));
+            let step = median(&mut agreeing.iter().map(|c| c.step).collect::<Vec<_>>());
+            let seen_rad =
+                if round + 1 < ROUNDS { [right, left] } else { self.seen_about(samples, &plane, [right, left], step)? };
             fitted = Some(PlaneFit {
                 plane,
-                covariance: inverse * inflate,
+                covariance: (inverse * inflate).fixed_resize::<2, 2>(0.0).fixed_resize(0.0),
                 noise: median(&mut agreeing.iter().map(|c| c.noise).collect::<Vec<_>>()).max(0.5),
                 sign: 1.0,
-                seen_rad: [wrap(bearing + first), wrap(bearing + last)],
+                seen_rad,
                 correlation: CORRELATION,
-                gain: median(&mut agreeing.iter().map(|c| c.step.abs()).collect::<Vec<_>>()),
+                gain: step.abs(),
                 black: 0.0,
-                bend: [(free * g)[2], (free[(2, 2)] * inflate).sqrt()],
+                bend: [(free * g)[3], (free[(3, 3)] * inflate).sqrt()],
                 stray_px,
             });
         }
         fitted
+    }
+
+    /// Between which bearings the line of a plane is seen with about this step, about where the plate was searched for. It may have been searched
+    /// for too far to one side; what is much longer than a plate goes on in the background.
+    fn seen_about(&self, samples: &[Sample], plane: &Plane, [right, left]: [f64; 2], step: f64) -> Option<[f64; 2]> {
+        let beside = MOST_ASIDE * difference(left, right);
+        let wide = self.line_run(samples, plane, [right - beside, left + beside], step);
+        let column_rad = COLUMN_PX / f64::from(samples.first()?.ray.px_per_bearing);
+        let ends_within = |[first, last]: &[f64; 2]| {
+            difference(*first, right - beside) > 2.0 * column_rad && difference(left + beside, *last) > 2.0 * column_rad
+        };
+        wide.filter(ends_within).or_else(|| self.line_run(samples, plane, [right, left], step))
+    }
+
+    /// Between which bearings a plate shows of which stripes or the upper end show: the lower stripe of a near one is in view
+    /// in few columns.
+    pub(super) fn stripes_or_end(&self, samples: &[Sample], fit: &PlaneFit) -> [f64; 2] {
+        let [right, left] = fit.seen_rad;
+        let (crossings, _) = self.crossings(samples, &fit.plane, [right, left], &[0.0]);
+        let step = median(&mut crossings.iter().map(|c| c.step).collect::<Vec<_>>());
+        let wide_m = self.look.width_m;
+        let window = [fit.plane.beside(left, -wide_m), fit.plane.beside(right, wide_m)];
+        match self.line_run(samples, &fit.plane, window, step) {
+            Some([first, last]) if difference(last, right) > 0.0 && difference(left, first) > 0.0 => [
+                if difference(first, right) < 0.0 { first } else { right },
+                if difference(last, left) > 0.0 { last } else { left },
+            ],
+            _ => [right, left],
+        }
+    }
+
+    /// Between which of two bearings the line of a plane is seen with about this step, in the longest run.
+    fn line_run(&self, samples: &[Sample], plane: &Plane, [right, left]: [f64; 2], step: f64) -> Option<[f64; 2]> {
+        let (crossings, _) = self.crossings(samples, plane, [right, left], &[0.0]);
+        let is_line =
+            |c: &&Crossing| c.higher_px.abs() < GATES_PX[ROUNDS - 1] && c.step * step > LIKE_STEP * step * step;
+        let column_rad = COLUMN_PX / f64::from(samples.first()?.ray.px_per_bearing);
+        let bearings = crossings.iter().filter(is_line).map(|c| difference(c.bearing_rad, right));
+        longest_run(bearings, column_rad).map(|run| run.map(|at| wrap(right + at)))
     }
 
     /// Whether an upper end is a straight line.
@@ -188,7 +254,7 @@ impl PlateFinder {
                 continue;
             }
             let (distance, height) = plane.meet(&sample.ray);
-            let higher_px = (height - self.pillar.high_m()) / sample.ray.m_per_px(distance);
+            let higher_px = (height + plane.lower_m - self.pillar.high_m()) / sample.ray.m_per_px(distance);
             if (-REACH_PX[1]..=REACH_PX[0]).contains(&higher_px) {
                 let column = &mut columns[at as usize];
                 column.pixels.push((higher_px, sample.gray));
@@ -237,7 +303,7 @@ impl PlateFinder {
     ) -> Option<Posed> {
         let of = |sign: f64| {
             let fit = PlaneFit { sign, ..fit.clone() };
-            self.between_sides(samples, &fit, plane_covariance, Some(searched_rad))
+            self.between_sides(samples, &fit, plane_covariance, searched_rad)
         };
         let mut posed = of(1.0)?.or_as_likely(&of(-1.0)?);
         if !EITHER_SIDE_M.contains(&posed.pose[0].hypot(posed.pose[1])) {
