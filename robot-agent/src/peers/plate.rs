@@ -48,6 +48,8 @@ const MOST_TURN_RAD: f64 = 1.2;
 // Beyond these limits a fit is no plate; what remains is judged by all of its traits ([`credible`]).
 /// χ² of width or height beyond which two sides are not both the plate's.
 const WORST_CHI2: f64 = 25.0;
+/// To this χ² a plate that seems too narrow may be whole and its plane too near, which is as uncertain then.
+const PLANE_WRONG_CHI2: f64 = 80.0;
 /// From this χ² on, something may stand before one of the sides of a plate that seems too narrow, of which this share must show.
 const NARROW_CHI2: f64 = 9.0;
 const LEAST_SHOWN: f64 = 0.5;
@@ -69,8 +71,8 @@ const TURN_FLOOR_RAD: f64 = 6e-3;
 /// So far above the upper end is looked at: there is the mast of a robot, or more of what is taller, radians.
 const ABOVE_END_RAD: f64 = 0.15;
 const MAX_PEERS: usize = 8;
-/// What may be a plate by this much is one unless likelier ones are as many as were announced. Of 1,275 fits to plates in rooms unseen 0.5
-/// lets 1,163 through, with 23 to other things; 1.2 lets 1,132 through, with 18.
+/// What may be a plate by this much is one unless likelier ones are as many as were announced. Of 1,472 fits to plates in rooms unseen 0.5
+/// lets 1,364 through, with 13 to other things; 1.2 lets 1,341 through, with 9.
 const POSSIBLE_LOG_ODDS: f64 = 0.3;
 
 /// Finds plates of one look.
@@ -227,11 +229,8 @@ impl PlateFinder {
             if by_stripes.iter().chain(&by_end).all(|fit| fit.traits.are_hopeless()) {
                 self.refusals.note(place);
             }
-            let is_found = by_stripes.as_ref().is_some_and(|fit| fit.is_taken);
             self.take(&mut found, by_stripes);
-            if !is_found {
-                self.take(&mut found, by_end);
-            }
+            self.take(&mut found, by_end);
         }
         found
     }
@@ -245,7 +244,7 @@ impl PlateFinder {
     }
 
     /// Keeps a fit that may be a robot, unless it is there already and likelier; what is there beyond doubt gives way to stripes alone,
-    /// which measure better than an upper end.
+    /// which measure better than an upper end, and to that where it shows both sides and the stripes did not.
     fn take(&mut self, found: &mut Vec<Find>, fit: Option<Fit>) {
         let Some(fit) = fit else { return };
         self.fits.keep(&fit);
@@ -257,10 +256,16 @@ impl PlateFinder {
         match beside {
             _ if log_odds < POSSIBLE_LOG_ODDS => {}
             None if found.len() < MAX_PEERS => found.push(find),
-            Some(i) if log_odds > found[i].log_odds && (is_by_stripes || found[i].log_odds < LEAST_LOG_ODDS) => {
-                found[i] = find;
+            Some(i) => {
+                let before = &found[i];
+                let is_better = is_by_stripes
+                    || before.log_odds < LEAST_LOG_ODDS
+                    || before.peer.features.is_empty() && !find.peer.features.is_empty();
+                if is_better && log_odds > before.log_odds {
+                    found[i] = find;
+                }
             }
-            _ => {}
+            None => {}
         }
     }
 
@@ -387,16 +392,19 @@ impl PlateFinder {
         let height_m = camera.viewpoint_body_m().z;
         let height_sigma_m = mounting.position_m.z.hypot(tilt * fit.plane.c).hypot(HEIGHT_FLOOR_M);
         let chi2 = |fit: &PlaneFit| (fit.plane.lower_m / height_sigma_m).powi(2);
-        let announced = |lone: f64| (Self::by_height(fit, lone, height_m, height_sigma_m), Height::Announced, 0.0);
+        let announced = |lone: f64| {
+            let fit = Self::by_height(fit, lone, height_m, height_sigma_m)?;
+            Some((fit, Height::Announced, 0.0))
+        };
         let planes = match edges[..] {
             [] => return None,
-            [lone] => match self.with_end(samples, fit, lone, height_m) {
-                Some(end) => {
+            [lone] => {
+                let by_end = self.with_end(samples, fit, lone, height_m).map(|end| {
                     let fit = Self::with_height(&end, height_sigma_m);
-                    vec![(fit, Height::ByEnd, chi2(&end)), announced(lone)]
-                }
-                None => vec![announced(lone)],
-            },
+                    (fit, Height::ByEnd, chi2(&end))
+                });
+                by_end.into_iter().chain(announced(lone)).collect()
+            }
             _ => vec![(fit.clone(), Height::ByStripes, chi2(fit))],
         };
         let mut best: Option<Fit> = None;
@@ -538,7 +546,7 @@ impl PlateFinder {
             && let Some(narrow) = narrow()
         {
             // A whole plate looks narrow, too, where its plane is a little too near.
-            return Some(match posed.first().filter(|whole| whole.chi2 <= WORST_CHI2) {
+            return Some(match posed.first().filter(|whole| whole.chi2 <= PLANE_WRONG_CHI2) {
                 Some(whole) => narrow.or_whole(whole),
                 None => narrow,
             });

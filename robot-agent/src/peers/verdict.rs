@@ -8,7 +8,7 @@
 //!
 //! They are made with `sim-harness peers --per-layout 1 --fits FILE` for each of some sets of rooms, and `sim-harness verdict FILE…
 //! --out robot-agent/src/peers/verdict`, which also says how well they tell apart what is in rooms that they were not learnt from. These are
-//! of 95,933 fits (95,834 with pictures of plates, too, for what judges these): 1,600 rooms with robots (400 from seed 500000 on, 300 from 510000, 500 from 502000, 400 from 504500) and 600 without
+//! of 95,933 fits (28,127 of the same rooms to plates for what judges these, since plates are fitted otherwise): 1,600 rooms with robots (400 from seed 500000 on, 300 from 510000, 500 from 502000, 400 from 504500) and 600 without
 //! (600000 and 610000, `--without-robots`), 220 and 250 of teams in which nobody wears bars (520000, 620000; `--plain`), 150 and 150 through
 //! a camera of half the resolution (530000, 630000; `--camera-of tiny`). What is unlike all of them (a marker, a camera, a room) is judged by
 //! what it resembles most.

@@ -54,11 +54,25 @@ fn a_plate_so_near_that_one_stripe_shows_is_placed_between_what_front_and_back_w
 
 #[test]
 fn a_turned_plate_of_which_one_edge_and_the_upper_end_show_is_where_it_is() {
-    // Its columns are farther away than its plane, twice as far where it is turned by 60°. The last one was 5 σ off.
-    for (range_m, turn_deg) in [(1.05, 60.0), (1.17, -62.0), (1.17, 55.0), (1.3, -52.0)] {
+    // Its columns are farther away than its plane, twice as far where it is turned by 60°. At 1.3 m and −52° it was 5 σ off, at 1.05 m
+    // and 45°, where few columns show the edge, 4 σ and 3°.
+    let places = [(1.05, 60.0), (1.17, -62.0), (1.17, 55.0), (1.3, -52.0), (1.05, 45.0), (1.1, 45.0), (0.9, -60.0)];
+    for (range_m, turn_deg) in places {
         let seen = seen_behind_a_plate(&[[range_m, 0.0]], turn_deg, 1).concat();
         assert_eq!(seen.len(), 1, "{range_m} {turn_deg}: {seen:?}");
         assert_place(&seen[0], range_m, 0.0..0.03);
+        let [heading, sigma] = seen[0].heading_rad.unwrap();
+        let off = protocol::angle::difference(heading, (180.0 + turn_deg).to_radians());
+        assert!(off.abs() < 3.5 * sigma && sigma < 0.04, "{range_m} {turn_deg}: {off} ± {sigma}");
+    }
+}
+
+#[test]
+fn a_turned_plate_three_metres_away_is_found_though_the_search_cannot_tell_its_turn() {
+    for (range_m, turn_deg) in [(3.25, 42.0), (3.0, -50.0), (2.7, 20.0)] {
+        let seen = seen_behind_a_plate(&[[range_m, 0.0]], turn_deg, 1).concat();
+        assert_eq!(seen.len(), 1, "{range_m} {turn_deg}: {seen:?}");
+        assert_place(&seen[0], range_m, 0.0..0.1);
     }
 }
 

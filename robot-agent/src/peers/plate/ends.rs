@@ -7,21 +7,17 @@ use protocol::angle::{difference, wrap};
 
 use super::super::edges::{self, EdgeFit, Pixel, Side};
 use super::super::look::MAX_RINGS;
-use super::super::near;
 use super::super::rays::Sample;
 use super::super::rings::{self, BLUR_PX, median};
 use super::plane::{Plane, PlaneFit, shown, shows_edge};
 use super::{PlateFinder, TURN_FLOOR_RAD};
 
-/// The upper end is right to this, pixels, when noise has averaged out.
-const END_FLOOR_PX: f64 = 0.1;
+/// The upper end is right to this, pixels, when noise has averaged out: as a whole, and in how it is tilted, at its ends.
+pub(super) const END_FLOOR_PX: f64 = 0.1;
+/// From so far above and below where it should be, pixels, it is looked for in a column.
+const END_STARTS_PX: &[f64] = &[-1.5, 0.0, 1.5];
 /// It must tell the plane's distance to this share.
 const WORST_END_SHARE: f64 = 0.1;
-/// Its columns are so wide, and pixels so far above and below it are looked at.
-const END_COLUMN_PX: f64 = 1.5;
-const END_REACH_PX: [f64; 2] = [3.5, 5.0];
-/// So near to the next stripe a pixel may have something of it.
-const NEXT_STRIPE_PX: f64 = 0.8;
 /// Each column's place is right to this at best, squared pixels; so many columns make an end.
 const STEP_FLOOR_PX2: f64 = 0.01;
 const LEAST_END_COLUMNS: usize = 6;
@@ -47,6 +43,8 @@ const LEAST_FACE_COLUMNS: usize = 3;
 const LEAST_FACE_GAIN: f64 = 0.15;
 const LEAST_GOING_ON: f64 = 0.3;
 const EDGE_FLOOR_PX: f64 = 0.06;
+/// A side further than this from where it should be, pixels, is that of something else.
+const MOST_MOVED_PX: f64 = 4.0;
 /// A sheet has a rim of its own, metres.
 const RIM_FLOOR_M: f64 = 2e-3;
 /// Columns of one picture's width looked at on either side of where the plate may end.
@@ -64,23 +62,6 @@ pub(super) enum End {
     Lower,
 }
 
-/// One column across the upper end.
-struct EndStep {
-    /// Higher than predicted, and that place's variance.
-    higher_px: f64,
-    variance_px2: f64,
-    bearing_rad: f64,
-    px_per_m: f64,
-}
-
-/// Pixels of a column about the upper end (how much higher, gray), and sums of their bearings from the right and of their scales.
-#[derive(Clone, Default)]
-struct EndColumn {
-    pixels: Vec<(f64, f64)>,
-    asides_rad: f64,
-    px_per_m: f64,
-}
-
 /// What one edge between stripes tells of its plane: the turn, and the height over the distance.
 struct LoneEdge {
     alpha: f64,
@@ -92,13 +73,17 @@ struct LoneEdge {
 }
 
 impl LoneEdge {
-    fn of(fit: &PlaneFit, lone_m: f64) -> Self {
-        let mut edge = Self { alpha: fit.plane.alpha, drop: 0.0, covariance: Matrix2::zeros(), lone_m };
-        edge.drop = (lone_m + fit.plane.lower_m) / fit.plane.c;
+    /// Of an edge at the camera's own height, which tells no distance, nothing.
+    fn of(fit: &PlaneFit, lone_m: f64) -> Option<Self> {
+        let drop = (lone_m + fit.plane.lower_m) / fit.plane.c;
+        if !(lone_m / drop > 0.5 * fit.plane.c && lone_m / drop < 2.0 * fit.plane.c) {
+            return None;
+        }
+        let mut edge = Self { alpha: fit.plane.alpha, drop, covariance: Matrix2::zeros(), lone_m };
         let j = edge.residual(&fit.plane).0;
         edge.covariance = j * fit.covariance * j.transpose();
         edge.covariance[(0, 0)] += TURN_FLOOR_RAD * TURN_FLOOR_RAD;
-        edge
+        Some(edge)
     }
 
     /// How (α, drop) of a plane vary with (α, c, height), and what they are short of.
@@ -108,17 +93,16 @@ impl LoneEdge {
         (j, Vector2::new(difference(self.alpha, plane.alpha), self.drop - drop))
     }
 
-    /// The plane where its stripes are so much lower than announced.
-    fn plane_at(&self, lower_m: f64) -> Plane {
-        Plane { alpha: self.alpha, c: (self.lone_m + lower_m) / self.drop, lower_m }
+    /// The plane where its stripes are as high as announced.
+    fn as_announced(&self) -> Plane {
+        Plane { alpha: self.alpha, c: self.lone_m / self.drop, lower_m: 0.0 }
     }
 
-    /// Covariance of (α, c, height) where the height is known.
-    fn covariance_at(&self, lower_m: f64, sigma_m: f64) -> Matrix3<f64> {
-        let by_drop = -(self.lone_m + lower_m) / self.drop.powi(2);
+    /// Covariance of (α, c, height) where that is known so well.
+    fn covariance_as_announced(&self, sigma_m: f64) -> Matrix3<f64> {
+        let by_drop = -self.lone_m / self.drop.powi(2);
         let j = Matrix3::new(1.0, 0.0, 0.0, 0.0, by_drop, 1.0 / self.drop, 0.0, 0.0, 1.0);
-        let mut known = Matrix3::zeros();
-        known.fixed_view_mut::<2, 2>(0, 0).copy_from(&self.covariance);
+        let mut known = self.covariance.fixed_resize(0.0);
         known[(2, 2)] = sigma_m * sigma_m;
         j * known * j.transpose()
     }
@@ -132,41 +116,6 @@ impl PlateFinder {
         Pixel { gray: sample.gray, row: 0, inside_rad, px_per_rad, half_px: BESIDE_PX, ring }
     }
 
-    /// Where something ends near the upper end, in each column between two bearings that shows it, and how many columns there are.
-    fn end_steps(&self, samples: &[Sample], fit: &PlaneFit, [right, left]: [f64; 2]) -> (Vec<EndStep>, usize) {
-        let high_m = self.pillar.high_m();
-        let edges = &self.pillar.edges_m;
-        let stripe_m = high_m - edges[edges.len() - 2];
-        let Some(scale) = samples.first().map(|s| f64::from(s.ray.px_per_bearing)) else { return (Vec::new(), 0) };
-        let count = (difference(left, right) * scale / END_COLUMN_PX) as usize;
-        let mut columns = vec![EndColumn::default(); count];
-        for sample in samples {
-            let aside_rad = difference(f64::from(sample.ray.bearing_rad), right);
-            let along = aside_rad * scale / END_COLUMN_PX;
-            if !(0.0..count as f64).contains(&along) {
-                continue;
-            }
-            let (distance, height) = fit.plane.meet(&sample.ray);
-            let m_per_px = sample.ray.m_per_px(distance);
-            let higher_px = (height + fit.plane.lower_m - high_m) / m_per_px;
-            // Far away the next stripe begins sooner.
-            let down_px = END_REACH_PX[1].min(stripe_m / m_per_px - NEXT_STRIPE_PX);
-            if (-down_px..=END_REACH_PX[0]).contains(&higher_px) {
-                let column = &mut columns[along as usize];
-                column.pixels.push((higher_px, sample.gray));
-                column.asides_rad += aside_rad;
-                column.px_per_m += 1.0 / m_per_px;
-            }
-        }
-        let step = |column: &EndColumn| {
-            let (higher_px, variance_px2, ..) = near::step_at(&column.pixels, &[-1.5, 0.0, 1.5])?;
-            let n = column.pixels.len() as f64;
-            let bearing_rad = wrap(right + column.asides_rad / n);
-            Some(EndStep { higher_px, variance_px2, bearing_rad, px_per_m: column.px_per_m / n })
-        };
-        (columns.iter().filter_map(step).collect(), count)
-    }
-
     /// A lone edge tells the turn, and distance and height together; so does the upper end: they are four numbers for three. The height of the
     /// stripes beside the announced one is still free ([`Self::with_height`]).
     pub(super) fn with_end(
@@ -177,13 +126,13 @@ impl PlateFinder {
         camera_height_m: f64,
     ) -> Option<PlaneFit> {
         let [lone, top] = [edge_m, self.pillar.high_m()].map(|z| camera_height_m - z);
-        let edge = LoneEdge::of(fit, lone);
+        let edge = LoneEdge::of(fit, lone)?;
         let weight = edge.covariance.try_inverse()?;
         // To begin with the announced height holds, which leaves the edge where it is.
-        let start = edge.plane_at(0.0);
+        let start = edge.as_announced();
         let mut fit = PlaneFit { plane: start, ..fit.clone() };
         for round in 0..END_ROUNDS {
-            let (steps, count) = self.end_steps(samples, &fit, fit.seen_rad);
+            let (steps, count) = self.crossings(samples, &fit.plane, fit.seen_rad, END_STARTS_PX);
             let middle_px = match round {
                 0 => median(&mut steps.iter().map(|step| step.higher_px).collect::<Vec<_>>()),
                 _ => 0.0,
@@ -199,12 +148,14 @@ impl PlateFinder {
             h[(4, 4)] = END_FLOOR_PX.powi(-2);
             let mut agreeing = 0;
             for step in &steps {
-                let rise = -(top + plane.lower_m) * step.px_per_m;
+                let (distance, rise_m) = (plane.distance(step.bearing_rad), -(top + plane.lower_m));
+                let px_per_m = step.px_per_rad * distance / distance.hypot(rise_m).powi(2);
+                let rise = rise_m * px_per_m;
                 // How much lower than predicted the end is then.
                 let row = SVector::<f64, 5>::new(
                     rise * (step.bearing_rad - plane.alpha).tan(),
                     -rise / plane.c,
-                    -step.px_per_m,
+                    -px_per_m,
                     1.0,
                     difference(step.bearing_rad, middle_rad) / half_rad,
                 );
@@ -222,8 +173,7 @@ impl PlateFinder {
             }
             let inverse = h.try_inverse()?;
             let delta = inverse * g;
-            plane.alpha += delta[0].clamp(-0.25, 0.25);
-            plane.c += delta[1].clamp(-0.3 * plane.c, 0.3 * plane.c);
+            plane.step(middle_rad, [delta[0], delta[1]], [0.25, 0.3]);
             plane.lower_m += delta[2];
             // The number too many is the turn: as they disagree about that all is uncertain.
             let short = edge.residual(plane).1[0];
@@ -254,14 +204,23 @@ impl PlateFinder {
 
     /// The same where too little can be seen of the upper end because somebody hides it or what is behind it is as dark or as bright:
     /// the lone edge has the announced height, as surely as `height_sigma_m` says.
-    pub(super) fn by_height(fit: &PlaneFit, edge_m: f64, camera_height_m: f64, height_sigma_m: f64) -> PlaneFit {
-        let edge = LoneEdge::of(fit, camera_height_m - edge_m);
-        PlaneFit { plane: edge.plane_at(0.0), covariance: edge.covariance_at(0.0, height_sigma_m), ..fit.clone() }
+    pub(super) fn by_height(
+        fit: &PlaneFit,
+        edge_m: f64,
+        camera_height_m: f64,
+        height_sigma_m: f64,
+    ) -> Option<PlaneFit> {
+        let edge = LoneEdge::of(fit, camera_height_m - edge_m)?;
+        Some(PlaneFit {
+            plane: edge.as_announced(),
+            covariance: edge.covariance_as_announced(height_sigma_m),
+            ..fit.clone()
+        })
     }
 
     /// Shares of the columns between two bearings in which the upper end is where it should be, and in which one is seen elsewhere.
     pub(super) fn end_shown(&self, samples: &[Sample], fit: &PlaneFit, [right, left]: [f64; 2]) -> [f64; 2] {
-        let (steps, count) = self.end_steps(samples, fit, [right, left]);
+        let (steps, count) = self.crossings(samples, &fit.plane, [right, left], END_STARTS_PX);
         let there = steps.iter().filter(|step| step.higher_px.abs() < END_PLACE_PX).count();
         [there, steps.len() - there].map(|n| n as f64 / count.max(1) as f64)
     }
@@ -427,7 +386,8 @@ impl PlateFinder {
             places.push(sample.ray.elevation_px());
         }
         let edge = edges::fit_rows(pixels, &places, (fit.noise, BLUR_PX), &[-3.0, -1.5, 0.0, 1.5, 3.0])?;
-        let fine = edge.rows >= 2 && edge.agreement >= 0.5 && edge.sigma_rad * edge.px_per_rad < 0.5;
+        let [sigma_px, moved_px] = [edge.sigma_rad, edge.outwards_rad.abs()].map(|rad| rad * edge.px_per_rad);
+        let fine = edge.rows >= 2 && edge.agreement >= 0.5 && sigma_px < 0.5 && moved_px < MOST_MOVED_PX;
         fine.then(|| (wrap(at + sign * edge.outwards_rad), edge))
     }
 }

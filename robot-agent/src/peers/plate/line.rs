@@ -32,7 +32,7 @@ const OUTLINE_ROWS: [usize; 2] = [3, 8];
 const STRIDE: usize = 2;
 /// So many of the coarse search are placed finely, and so many of those are candidates.
 const MAX_COARSE: usize = 100;
-const MAX_CANDIDATES: usize = 12;
+const MAX_CANDIDATES: usize = 20;
 /// First steps of (column, ln of the distance, turn), how often they are halved, and most moves of one length.
 const FINE_STEPS: [f64; 3] = [3.0, 0.03, 0.12];
 const HALVINGS: usize = 3;

@@ -71,6 +71,16 @@ impl Plane {
         self.c * (bearing - self.alpha).tan()
     }
 
+    /// A step of (α, c) of a fit, no longer than so many radians and so large a share of the distance at a bearing: there, where the fit's
+    /// pixels are, distance and turn hardly depend on each other, however long the step.
+    pub(super) fn step(&mut self, bearing: f64, [by_alpha, by_c]: [f64; 2], [most_rad, most_share]: [f64; 2]) {
+        let distance = self.distance(bearing);
+        let farther = by_c / self.c - by_alpha * difference(bearing, self.alpha).tan();
+        self.alpha += by_alpha.clamp(-most_rad, most_rad);
+        let distance = distance * (1.0 + farther.clamp(-most_share, most_share));
+        self.c = distance * difference(bearing, self.alpha).cos().max(0.05);
+    }
+
     /// Bearing of what is so much further to the left in the plane than what a bearing meets.
     pub(super) fn beside(&self, bearing: f64, left_m: f64) -> f64 {
         wrap(self.alpha + (self.along(bearing) + left_m).atan2(self.c))
@@ -192,8 +202,7 @@ impl PlateFinder {
             // A plate is flat: what bends is held while the plane is fitted.
             let inverse = h.fixed_view::<3, 3>(0, 0).into_owned().try_inverse()?;
             let delta = inverse * g.fixed_rows::<3>(0);
-            plane.alpha += delta[0].clamp(-0.25, 0.25);
-            plane.c += delta[1].clamp(-0.08 * plane.c, 0.08 * plane.c);
+            plane.step(bearing, [delta[0], delta[1]], [0.25, 0.08]);
             plane.lower_m += delta[2].clamp(-0.02, 0.02);
             let drift = plane.distance(bearing) / start.distance(bearing);
             let turn = difference(plane.alpha, bearing).abs();

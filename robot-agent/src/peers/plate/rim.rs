@@ -13,6 +13,7 @@ use protocol::angle::{difference, wrap};
 use super::super::near;
 use super::super::rays::Sample;
 use super::super::rings::{BLUR_PX, median};
+use super::ends::END_FLOOR_PX;
 use super::plane::{Plane, PlaneFit, black, shown, shows_edge};
 use super::{PlateFinder, Posed};
 
@@ -23,6 +24,8 @@ const COLUMN_PX: f64 = 1.5;
 const LEAST_PIXELS: usize = 4;
 /// So far above and below the line a column is looked at, pixels.
 const REACH_PX: [f64; 2] = [3.5, 5.0];
+/// So near to the next stripe a pixel may have something of it.
+const NEXT_STRIPE_PX: f64 = 0.8;
 const ROUNDS: usize = 6;
 /// Least columns and share of them that agree.
 const LEAST_COLUMNS: usize = 10;
@@ -32,8 +35,6 @@ const GATES_PX: [f64; ROUNDS] = [1.5, 1.5, 0.9, 0.6, 0.6, 0.6];
 const STRAY_PX: f64 = 0.3;
 /// The line is straight and level to this, pixels.
 const LINE_FLOOR_PX: f64 = 0.05;
-/// Something may tilt it by so much at its ends.
-const TILT_FLOOR_PX: f64 = 0.1;
 /// What a line is worth beside stripes: where both are to be had, stripes are taken.
 const CORRELATION: f64 = 0.97;
 /// The line is looked for so far beside where it was searched for, as a share of its width; a column of it has this share of its usual step.
@@ -83,30 +84,28 @@ struct Column {
 }
 
 /// One column across the line.
-struct Crossing {
-    bearing_rad: f64,
-    higher_px: f64,
-    variance_px2: f64,
+pub(super) struct Crossing {
+    pub(super) bearing_rad: f64,
+    /// Than predicted, and that place's variance.
+    pub(super) higher_px: f64,
+    pub(super) variance_px2: f64,
     step: f64,
     noise: f64,
-    px_per_rad: f64,
+    pub(super) px_per_rad: f64,
 }
 
 /// The ends of the longest run of columns, gaps (a mast) of up to a third of it jumped.
 fn longest_run(bearings_rad: impl Iterator<Item = f64>, column_rad: f64) -> Option<[f64; 2]> {
-    let (mut best, mut run): (Option<(usize, [f64; 2])>, Option<(usize, [f64; 2])>) = (None, None);
+    let (mut best, mut run) = ((0, [0.0; 2]), (0, [f64::NEG_INFINITY; 2]));
     for at in bearings_rad {
-        run = match run {
-            Some((n, [first, last])) if at - last < column_rad * ((n / 3).max(2) as f64 + 1.5) => {
-                Some((n + 1, [first, at]))
-            }
-            _ => Some((1, [at, at])),
-        };
-        if run.map(|(n, _)| n) > best.map(|(n, _)| n) {
+        let (n, [first, last]) = run;
+        let is_next = at - last < column_rad * ((n / 3).max(2) as f64 + 1.5);
+        run = if is_next { (n + 1, [first, at]) } else { (1, [at; 2]) };
+        if run.0 > best.0 {
             best = run;
         }
     }
-    best.map(|(_, ends)| ends)
+    (best.0 > 0).then_some(best.1)
 }
 
 impl PlateFinder {
@@ -138,7 +137,7 @@ impl PlateFinder {
                 rise_m.atan2(c / (at - alpha).cos().max(0.05) + farther)
             };
             let (mut h, mut g, mut chi2, mut squares) = (Matrix4::zeros(), Vector4::zeros(), 0.0, 0.0);
-            h[(2, 2)] = TILT_FLOOR_PX.powi(-2);
+            h[(2, 2)] = END_FLOOR_PX.powi(-2);
             for crossing in &agreeing {
                 let (alpha, c, at) = (plane.alpha, plane.c, crossing.bearing_rad);
                 let here = elevation(alpha, c, 0.0, at);
@@ -164,8 +163,7 @@ impl PlateFinder {
             let inverse = h.fixed_view::<3, 3>(0, 0).into_owned().try_inverse()?;
             let delta = inverse * g.fixed_rows::<3>(0);
             let free = h.try_inverse()?;
-            plane.alpha += delta[0].clamp(-0.2, 0.2);
-            plane.c += delta[1].clamp(-0.08 * plane.c, 0.08 * plane.c);
+            plane.step(bearing, [delta[0], delta[1]], [0.2, 0.08]);
             let drift = plane.distance(bearing) / start.distance(bearing);
             if !(plane.c > 0.15 && (0.75..1.33).contains(&drift)) {
                 return None;
@@ -236,7 +234,7 @@ impl PlateFinder {
     }
 
     /// Where the upper end is in each column between two bearings, and how many columns there are.
-    fn crossings(
+    pub(super) fn crossings(
         &self,
         samples: &[Sample],
         plane: &Plane,
@@ -244,6 +242,8 @@ impl PlateFinder {
         starts_px: &[f64],
     ) -> (Vec<Crossing>, usize) {
         let Some(scale) = samples.first().map(|s| f64::from(s.ray.px_per_bearing)) else { return (Vec::new(), 0) };
+        let edges = &self.pillar.edges_m;
+        let stripe_m = edges[edges.len() - 1] - edges[edges.len() - 2];
         let wide = difference(left, right);
         let count = (wide * scale / COLUMN_PX).clamp(1.0, MOST_COLUMNS) as usize;
         let mut columns = vec![Column::default(); count];
@@ -254,8 +254,11 @@ impl PlateFinder {
                 continue;
             }
             let (distance, height) = plane.meet(&sample.ray);
-            let higher_px = (height + plane.lower_m - self.pillar.high_m()) / sample.ray.m_per_px(distance);
-            if (-REACH_PX[1]..=REACH_PX[0]).contains(&higher_px) {
+            let m_per_px = sample.ray.m_per_px(distance);
+            let higher_px = (height + plane.lower_m - self.pillar.high_m()) / m_per_px;
+            // Far away the next stripe begins sooner.
+            let down_px = REACH_PX[1].min(stripe_m / m_per_px - NEXT_STRIPE_PX);
+            if (-down_px..=REACH_PX[0]).contains(&higher_px) {
                 let column = &mut columns[at as usize];
                 column.pixels.push((higher_px, sample.gray));
                 column.along += along;
