@@ -163,7 +163,9 @@ impl PlateFinder {
             let inverse = h.fixed_view::<3, 3>(0, 0).into_owned().try_inverse()?;
             let delta = inverse * g.fixed_rows::<3>(0);
             let free = h.try_inverse()?;
-            plane.step(bearing, [delta[0], delta[1]], [0.2, 0.08]);
+            // Not `Plane::step`: what was searched for may be beside the line, where the distance is not to be kept.
+            plane.alpha += delta[0].clamp(-0.2, 0.2);
+            plane.c += delta[1].clamp(-0.08 * plane.c, 0.08 * plane.c);
             let drift = plane.distance(bearing) / start.distance(bearing);
             if !(plane.c > 0.15 && (0.75..1.33).contains(&drift)) {
                 return None;
