@@ -15,7 +15,7 @@ use super::{PlateFinder, TURN_FLOOR_RAD};
 /// The upper end is right to this, pixels, when noise has averaged out: as a whole, and in how it is tilted, at its ends.
 pub(super) const END_FLOOR_PX: f64 = 0.1;
 /// From so far above and below where it should be, pixels, it is looked for in a column.
-const END_STARTS_PX: &[f64] = &[-1.5, 0.0, 1.5];
+pub(super) const END_STARTS_PX: &[f64] = &[-1.5, 0.0, 1.5];
 /// It must tell the plane's distance to this share.
 const WORST_END_SHARE: f64 = 0.1;
 /// Each column's place is right to this at best, squared pixels; so many columns make an end.

@@ -159,16 +159,13 @@ impl PlateFinder {
             let (mut rest2, mut dof, mut correlation, mut used) = (0.0, 0.0, 0.0, 0);
             let (mut gains, mut correlations, mut blacks) = (Vec::new(), Vec::new(), Vec::new());
             let darkest = self.darkest(sign);
-            let stray2 = STRAY
-                * median(
-                    &mut of_columns(&grams, &shown, first..=last, sign)
-                        .map(|(gram, ..)| rest2_of(gram))
-                        .collect::<Vec<_>>(),
-                )
-                .max(0.25);
-            for (gram, own, gain) in of_columns(&grams, &shown, first..=last, sign) {
+            let columns: Vec<Column> = columns(&grams, &shown, first..=last, sign).collect();
+            let variances = columns.iter().map(|column| column.rest2 / column.dof());
+            let stray2 = STRAY * median(&mut variances.collect::<Vec<_>>()).max(0.25);
+            for column in &columns {
+                let Column { gram, correlation: own, gain, rest2: column_rest2 } = *column;
                 let n = gram[(0, 0)];
-                let weight = 1.0 / (1.0 + (rest2_of(gram) / stray2).powi(2));
+                let weight = 1.0 / (1.0 + (column_rest2 / column.dof() / stray2).powi(2));
                 let pp = gram[(1, 1)] - gram[(0, 1)].powi(2) / n;
                 let free = |i: usize, j: usize| {
                     let pi = gram[(1, i)] - gram[(0, 1)] * gram[(0, i)] / n;
@@ -181,8 +178,8 @@ impl PlateFinder {
                     }
                     g[i] += weight * gain * free(2 + i, GRAY);
                 }
-                rest2 += weight * free(GRAY, GRAY).max(0.0);
-                dof += weight * (n - 2.0);
+                rest2 += weight * column_rest2;
+                dof += weight * column.dof();
                 correlation += own.abs();
                 used += 1;
                 gains.push(gain.abs());
@@ -288,22 +285,35 @@ fn bend(mut h: SMatrix<f64, UNKNOWNS, UNKNOWNS>, g: SVector<f64, UNKNOWNS>, nois
     Some([(inverse * g)[3], (inverse[(3, 3)] * noise2).sqrt()])
 }
 
-/// The columns of a run that show stripes of its sign, with their gains.
-fn of_columns<'a>(
+/// A column that shows stripes.
+struct Column<'a> {
+    gram: &'a Sums,
+    correlation: f64,
+    gain: f64,
+    /// Squared grey levels by which its pixels are apart from stripes of its own light, in all.
+    rest2: f64,
+}
+
+impl Column<'_> {
+    /// Of the rest: level and gain are the column's own.
+    fn dof(&self) -> f64 {
+        self.gram[(0, 0)] - 2.0
+    }
+}
+
+/// The columns of a run that show stripes of its sign.
+fn columns<'a>(
     grams: &'a [Sums],
     shown: &'a [Option<(f64, f64)>],
     run: std::ops::RangeInclusive<usize>,
     sign: f64,
-) -> impl Iterator<Item = (&'a Sums, f64, f64)> {
-    let columns = grams[run.clone()].iter().zip(&shown[run]);
-    columns.filter_map(move |(gram, column)| column.filter(|(c, _)| c * sign > 0.0).map(|(c, gain)| (gram, c, gain)))
-}
-
-/// Squared grey levels by which a column's pixels are apart from stripes of its own light.
-fn rest2_of(gram: &Sums) -> f64 {
-    let n = gram[(0, 0)];
-    let free = |i: usize, j: usize| gram[(i, j)] - gram[(0, i)] * gram[(0, j)] / n;
-    (free(GRAY, GRAY) - free(1, GRAY).powi(2) / free(1, 1)).max(0.0) / (n - 2.0)
+) -> impl Iterator<Item = Column<'a>> {
+    grams[run.clone()].iter().zip(&shown[run]).filter_map(move |(gram, column)| {
+        let (correlation, gain) = column.filter(|(correlation, _)| correlation * sign > 0.0)?;
+        let free = |i: usize, j: usize| gram[(i, j)] - gram[(0, i)] * gram[(0, j)] / gram[(0, 0)];
+        let rest2 = (free(GRAY, GRAY) - free(1, GRAY).powi(2) / free(1, 1)).max(0.0);
+        Some(Column { gram, correlation, gain, rest2 })
+    })
 }
 
 fn bearing_column(reach: f64, wide: f64) -> usize {
@@ -339,37 +349,29 @@ pub(super) fn shown(grams: &[Sums], noise2: f64, slack: f64) -> Vec<Option<(f64,
         .collect()
 }
 
-/// The longest run of columns of one sign through or near the middle; gaps (a mast) up to a third of it are jumped.
+/// The longest run of columns of one sign through or near the middle.
 fn run(shown: &[Option<(f64, f64)>], middle: usize) -> Option<(usize, usize, f64)> {
-    let mut best: Option<(usize, usize, f64, usize)> = None;
-    for sign in [1.0, -1.0] {
-        let mut start: Option<(usize, usize, usize)> = None;
-        let mut close = |run: Option<(usize, usize, usize)>| {
-            if let Some((first, last, count)) = run
-                && count >= LEAST_COLUMNS
-                && best.is_none_or(|b| count > b.3)
-            {
-                best = Some((first, last, sign, count));
-            }
-        };
-        for (i, column) in shown.iter().enumerate() {
-            let shows = column.is_some_and(|(c, _)| c * sign > 0.0);
-            match (&mut start, shows) {
-                (Some((_, last, count)), true) => {
-                    *last = i;
-                    *count += 1;
-                }
-                (None, true) => start = Some((i, i, 1)),
-                (Some((_, last, count)), false) if i - *last > (*count / 3).max(2) => {
-                    close(start);
-                    start = None;
-                }
-                _ => {}
-            }
-        }
-        close(start);
-    }
-    let (first, last, sign, _) = best?;
+    let of_sign = |sign: f64| {
+        let shows = |column: &Option<(f64, f64)>| column.is_some_and(|(c, _)| c * sign > 0.0);
+        let places = shown.iter().enumerate().filter(|(_, column)| shows(column)).map(|(i, _)| i as f64);
+        longest_run(places, 1.0).map(|(count, ends)| (count, ends.map(|end| end as usize), sign))
+    };
+    let runs = [1.0, -1.0].into_iter().filter_map(of_sign).filter(|(count, ..)| *count >= LEAST_COLUMNS);
+    let (_, [first, last], sign) = runs.reduce(|best, run| if run.0 > best.0 { run } else { best })?;
     let slack = (last - first) / 2 + 2;
     (first <= middle + slack && last + slack >= middle).then_some((first, last, sign))
+}
+
+/// How many columns are in the longest run, and its ends; gaps (a mast) of up to a third of it are jumped. Places ascend, a column is so wide.
+pub(super) fn longest_run(places: impl Iterator<Item = f64>, column: f64) -> Option<(usize, [f64; 2])> {
+    let (mut best, mut run) = ((0, [0.0; 2]), (0, [f64::NEG_INFINITY; 2]));
+    for at in places {
+        let (n, [first, last]) = run;
+        let is_next = at - last < column * ((n / 3).max(2) as f64 + 1.5);
+        run = if is_next { (n + 1, [first, at]) } else { (1, [at; 2]) };
+        if run.0 > best.0 {
+            best = run;
+        }
+    }
+    (best.0 > 0).then_some(best)
 }

@@ -13,8 +13,8 @@ use protocol::angle::{difference, wrap};
 use super::super::near;
 use super::super::rays::Sample;
 use super::super::rings::{BLUR_PX, median};
-use super::ends::END_FLOOR_PX;
-use super::plane::{Plane, PlaneFit, black, shown, shows_edge};
+use super::ends::{END_FLOOR_PX, END_STARTS_PX};
+use super::plane::{Plane, PlaneFit, black, longest_run, shown, shows_edge};
 use super::{PlateFinder, Posed};
 
 /// Columns of the fit: so many at most, so wide at least, pixels.
@@ -94,20 +94,6 @@ pub(super) struct Crossing {
     pub(super) px_per_rad: f64,
 }
 
-/// The ends of the longest run of columns, gaps (a mast) of up to a third of it jumped.
-fn longest_run(bearings_rad: impl Iterator<Item = f64>, column_rad: f64) -> Option<[f64; 2]> {
-    let (mut best, mut run) = ((0, [0.0; 2]), (0, [f64::NEG_INFINITY; 2]));
-    for at in bearings_rad {
-        let (n, [first, last]) = run;
-        let is_next = at - last < column_rad * ((n / 3).max(2) as f64 + 1.5);
-        run = if is_next { (n + 1, [first, at]) } else { (1, [at; 2]) };
-        if run.0 > best.0 {
-            best = run;
-        }
-    }
-    (best.0 > 0).then_some(best.1)
-}
-
 impl PlateFinder {
     /// The plane of an upper end near a bearing. `rise_m`: of the end above the camera.
     pub(super) fn fit_rim(&self, samples: &[Sample], start: Plane, bearing: f64, rise_m: f64) -> Option<PlaneFit> {
@@ -118,7 +104,7 @@ impl PlateFinder {
             let middle = plane.along(bearing);
             let [right, left] =
                 [-0.96, 0.96].map(|share| wrap(plane.alpha + ((middle + share * half) / plane.c).atan()));
-            let starts: &[f64] = if round < 2 { &[-1.5, 0.0, 1.5] } else { &[0.0] };
+            let starts: &[f64] = if round < 2 { END_STARTS_PX } else { &[0.0] };
             let (crossings, asked) = self.crossings(samples, &plane, [right, left], starts);
             let up = crossings.iter().filter(|c| c.step > 0.0).count();
             let is_up = 2 * up >= crossings.len();
@@ -226,7 +212,7 @@ impl PlateFinder {
             |c: &&Crossing| c.higher_px.abs() < GATES_PX[ROUNDS - 1] && c.step * step > LIKE_STEP * step * step;
         let column_rad = COLUMN_PX / f64::from(samples.first()?.ray.px_per_bearing);
         let bearings = crossings.iter().filter(is_line).map(|c| difference(c.bearing_rad, right));
-        longest_run(bearings, column_rad).map(|run| run.map(|at| wrap(right + at)))
+        longest_run(bearings, column_rad).map(|(_, ends)| ends.map(|at| wrap(right + at)))
     }
 
     /// Whether an upper end is a straight line.
