@@ -3,6 +3,9 @@
 //! A robot alone guesses how far away somebody is, and in a crowd who stands in front; its figures slide from one body to another,
 //! and bearings of the wrong one come to the leader. Told where to look, it measures the right one. Only the search is directed:
 //! bearings are still of its own picture, so that what one robot errs does not come back as another's measurement.
+//!
+//! Whom it does not see it is told of only where two others do. Who is on one ray, or on none any more, may be anywhere near: a robot
+//! that looks for him there finds a figure in somebody else, its bearing holds the wrong place up, and all of them stay wrong.
 
 use nalgebra::Vector2;
 use protocol::message::surroundings::MAX_PEOPLE;
@@ -14,6 +17,8 @@ use super::{Leader, Output};
 
 /// People further away are not told of, metres.
 const FURTHEST_M: f64 = 8.0;
+/// Robots that must see somebody for his place to be told to one that does not.
+const ENOUGH: usize = 2;
 /// Fastest that is told, m/s.
 const FASTEST_MPS: f64 = 10.0;
 
@@ -47,6 +52,10 @@ impl Leader {
         let mut near: Vec<(f64, Neighbour)> = component
             .confirmed()
             .filter_map(|followed| {
+                let own_track = followed.state.observers_at(at).find(|o| o.robot == robot).map(|o| o.track);
+                if own_track.is_none() && followed.state.observers_at(at).count() < ENOUGH {
+                    return None;
+                }
                 let covariance = followed.published_covariance(calibrator, &self.config.targets)?;
                 let mut target = followed.state.target.clone();
                 target.predict(at);
@@ -58,7 +67,7 @@ impl Leader {
                     [along, across].map(|axis| LogSigma::from_value(axis.dot(&(covariance * axis)).max(0.0).sqrt()));
                 let velocity = body_from_team.rotation() * target.velocity();
                 let neighbour = Neighbour {
-                    track: followed.state.observers_at(at).find(|o| o.robot == robot).map(|o| o.track),
+                    track: own_track,
                     bearing: Angle16::from_rad(place.y.atan2(place.x)),
                     range: Millimetres::from_m(range_m),
                     sigma,

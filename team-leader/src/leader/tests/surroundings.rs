@@ -26,3 +26,23 @@ fn every_standing_robot_is_told_where_people_are_in_its_own_frame_and_time() {
         assert!(!told.iter().any(|(_, at_s, ..)| driving(*at_s)), "a robot that moves has no place to look from");
     }
 }
+
+#[test]
+fn whom_a_robot_does_not_see_it_is_told_of_where_somebody_is() {
+    let mut told = Vec::new();
+    for seed in 60..64 {
+        let mut world = World::new(Settings::unkind(), seed);
+        let mut leader = Leader::new(LeaderCoreConfig::new("lead".parse().unwrap()));
+        world.run(&mut leader, |_, _| {});
+        told.extend(
+            world
+                .neighbours
+                .iter()
+                .filter(|(_, at_s, _, track)| *at_s > 6.0 && !track)
+                .map(|(_, _, away_m, _)| *away_m),
+        );
+    }
+    let near = told.iter().filter(|away_m| **away_m < 0.5).count() as f64 / told.len() as f64;
+    println!("{} neighbours without a track, {near:.3} within 0.5 m of somebody", told.len());
+    assert!(told.len() > 200 && near > 0.9);
+}
