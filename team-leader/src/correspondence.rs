@@ -284,9 +284,9 @@ impl Follower {
 }
 
 impl Followed {
-    /// Whether it may be shown: believed, seen by two robots, and not only just taken for somebody.
+    /// Whether it may be shown: believed, seen by two robots, sure enough.
     pub fn is_confirmed(&self) -> bool {
-        self.state.updates >= CONFIRMED_UPDATES && self.state.two_robots && self.past.has_lasted()
+        self.state.updates >= CONFIRMED_UPDATES && self.state.two_robots
     }
 
     /// [`Self::covariance`] where it is small enough for the place to be published.

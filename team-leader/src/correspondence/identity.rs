@@ -60,11 +60,6 @@ impl Past {
         }
     }
 
-    /// Whether there is more than one state: what is found and given up in the same moment is nobody.
-    pub fn has_lasted(&self) -> bool {
-        self.0.len() > 1
-    }
-
     /// Log-density (1/m²) of `position` at `now`, by the state that explains it best.
     fn log_density(&self, position: Vector2<f64>, now: Timestamp) -> f64 {
         let age_s = |at: &Timestamp| now.seconds_since(*at);
@@ -212,18 +207,6 @@ mod tests {
         let density = |x: f64, y: f64| past.log_density(Vector2::new(x, y), at(2.1));
         assert!(density(2.1, 0.0) > density(1.2, 0.0) + 0.5);
         assert!(density(2.1, 0.0) > density(5.0, 5.0) + 3.0);
-    }
-
-    #[test]
-    fn who_was_found_this_moment_has_not_lasted_yet() {
-        let at = |s: f64| Timestamp::from_secs_f64(1000.0 + s);
-        let mut past = Past::default();
-        for t in [0.0, 0.03, 0.1, 0.19] {
-            past.keep(at(t), Vector2::zeros(), Vector2::zeros());
-            assert!(!past.has_lasted(), "after {t} s");
-        }
-        past.keep(at(0.21), Vector2::zeros(), Vector2::zeros());
-        assert!(past.has_lasted());
     }
 
     #[test]
