@@ -4,8 +4,9 @@
 //! and bearings of the wrong one come to the leader. Told where to look, it measures the right one. Only the search is directed:
 //! bearings are still of its own picture, so that what one robot errs does not come back as another's measurement.
 //!
-//! Whom it does not see it is told of only where two others do. Who is on one ray, or on none any more, may be anywhere near: a robot
-//! that looks for him there finds a figure in somebody else, its bearing holds the wrong place up, and all of them stay wrong.
+//! It is told only of whom two others see: that place is theirs, and not its own bearing come back. Who is on one ray, or on none any
+//! more, may be anywhere near: a robot that looks for him there finds a figure in somebody else, its bearing holds the wrong place
+//! up, and all of them stay wrong. With one other robot it is told of whom both see.
 
 use nalgebra::Vector2;
 use protocol::message::surroundings::MAX_PEOPLE;
@@ -17,8 +18,8 @@ use super::{Leader, Output};
 
 /// People further away are not told of, metres.
 const FURTHEST_M: f64 = 8.0;
-/// Robots that must see somebody for his place to be told to one that does not.
-const ENOUGH: usize = 2;
+/// Other robots that must see somebody for his place to be told to one.
+const OTHERS: usize = 2;
 /// Fastest that is told, m/s.
 const FASTEST_MPS: f64 = 10.0;
 
@@ -49,11 +50,13 @@ impl Leader {
         let calibrator = &component.calibrator;
         let Some(pose) = calibrator.pose(robot, at).filter(|_| !calibrator.moves(robot)) else { return Vec::new() };
         let body_from_team = pose.inverse();
+        let needed = calibrator.stations().filter(|(r, _)| *r != robot).count().clamp(1, OTHERS);
         let mut near: Vec<(f64, Neighbour)> = component
             .confirmed()
             .filter_map(|followed| {
                 let own_track = followed.state.observers_at(at).find(|o| o.robot == robot).map(|o| o.track);
-                if own_track.is_none() && followed.state.observers_at(at).count() < ENOUGH {
+                let others = followed.state.observers_at(at).filter(|o| o.robot != robot).count();
+                if others < needed || needed < OTHERS && own_track.is_none() {
                     return None;
                 }
                 let covariance = followed.published_covariance(calibrator, &self.config.targets)?;
