@@ -114,19 +114,39 @@ pub fn level() -> &'static str {
 }
 
 /// Bytes of a line of the cache.
+#[cfg(target_arch = "x86_64")]
 const LINE: usize = 64;
 
-/// Fetches values into the cache: for what will be needed soon, and does not lie in one piece.
+/// Fetches values into the first-level cache: for what will be needed soon, and does not lie in one piece. Of values that begin within
+/// a line the last line may be left out.
 #[inline(always)]
 pub(crate) fn fetch<T>(values: &[T]) {
     #[cfg(target_arch = "x86_64")]
-    for line in (0..size_of_val(values)).step_by(LINE) {
-        use std::arch::x86_64::{_MM_HINT_T0, _mm_prefetch};
-        // SAFETY: a hint; nothing is read.
-        unsafe { _mm_prefetch::<_MM_HINT_T0>(values.as_ptr().cast::<i8>().wrapping_add(line)) };
+    fetch_lines::<{ std::arch::x86_64::_MM_HINT_T0 }>(values.as_ptr().cast(), size_of_val(values));
+    #[cfg(not(target_arch = "x86_64"))]
+    let _ = values;
+}
+
+/// Fetches all of values that lie in main memory into the second-level cache: more lines can be under way to it at once, and those
+/// that are too many for the first level are dropped.
+#[inline(always)]
+pub(crate) fn fetch_far<T>(values: &[T]) {
+    #[cfg(target_arch = "x86_64")]
+    {
+        let (first, before) = (values.as_ptr().cast::<i8>(), values.as_ptr().addr() % LINE);
+        fetch_lines::<{ std::arch::x86_64::_MM_HINT_T1 }>(first.wrapping_sub(before), before + size_of_val(values));
     }
     #[cfg(not(target_arch = "x86_64"))]
-    let _ = (values, LINE);
+    let _ = values;
+}
+
+#[cfg(target_arch = "x86_64")]
+#[inline(always)]
+fn fetch_lines<const HINT: i32>(first: *const i8, bytes: usize) {
+    for line in (0..bytes).step_by(LINE) {
+        // SAFETY: a hint; nothing is read.
+        unsafe { std::arch::x86_64::_mm_prefetch::<HINT>(first.wrapping_add(line)) };
+    }
 }
 
 /// A grey level in 8.8 fixed point times a factor (32768 is 1), saturating. Exact for a factor of 1.

@@ -162,6 +162,13 @@ impl Lut {
         Ok(())
     }
 
+    /// Fetches what some cells are unwarped from, while something else is done: those `wanted`, by column and band.
+    pub(super) fn fetch_cells(&self, source: &[u8], wanted: impl Fn(usize, usize) -> bool) {
+        if let Some(tiles) = &self.tiles {
+            tiles.fetch_cells(source, wanted);
+        }
+    }
+
     fn check(&self, source: &[u8], out: &[u8]) -> Result<(), UnwarpError> {
         let [w, h] = self.source_size_px.map(|n| n as usize);
         for (what, got, expected) in [("the source", source.len(), w * h), ("the output", out.len(), self.valid.len())]

@@ -1,15 +1,12 @@
 //! How much blocks of a picture differ from what they were: sums of absolute differences.
 
-use crate::motion::kernel::wide;
+use crate::motion::kernel::{self, wide};
 
 /// Neighbouring pixels of a row.
 pub(in super::super) type Segment = [u8; 16];
 
 /// Segments of a block.
 const SEGMENTS: usize = 8;
-
-/// Blocks ahead of the one that is worked whose pixels are fetched into the cache.
-const AHEAD: usize = 6;
 
 wide! {
 /// The sum of absolute differences to its `reference` of each of some `blocks`; `places` are where a block's segments begin in the
@@ -21,16 +18,21 @@ pub(in super::super) fn differences(
     blocks: &[u32],
     sums: &mut [u16],
 ) {
-    for (i, block) in blocks.iter().enumerate() {
-        if let Some(places) = blocks.get(i + AHEAD).and_then(|block| places.get(*block as usize)) {
-            fetch(picture, places);
-        }
+    for block in blocks {
         let block = *block as usize;
         if let (Some(places), Some(reference), Some(sum)) = (places.get(block), reference.get(block), sums.get_mut(block)) {
             *sum = difference(picture, places, reference);
         }
     }
 }
+}
+
+/// Fetches blocks of a picture.
+pub(in super::super) fn fetch(picture: &[u8], places: &[[u32; SEGMENTS]], blocks: &[u32]) {
+    for place in blocks.iter().filter_map(|block| places.get(*block as usize)).flatten() {
+        let place = *place as usize;
+        kernel::fetch_far(picture.get(place..place + size_of::<Segment>()).unwrap_or_default());
+    }
 }
 
 /// Takes the picture's blocks as reference.
@@ -77,18 +79,6 @@ fn difference(picture: &[u8], places: &[u32; SEGMENTS], reference: &[Segment; SE
             now.map_or(16 * 255, |now| now.iter().zip(then).map(|(a, b)| u16::from(a.abs_diff(*b))).sum())
         })
         .sum()
-}
-
-#[inline(always)]
-fn fetch(picture: &[u8], places: &[u32; SEGMENTS]) {
-    #[cfg(target_arch = "x86_64")]
-    for place in places {
-        use std::arch::x86_64::{_MM_HINT_T0, _mm_prefetch};
-        // SAFETY: a hint; nothing is read.
-        unsafe { _mm_prefetch::<_MM_HINT_T0>(picture.as_ptr().wrapping_add(*place as usize).cast()) };
-    }
-    #[cfg(not(target_arch = "x86_64"))]
-    let _ = (picture, places);
 }
 
 #[cfg(test)]

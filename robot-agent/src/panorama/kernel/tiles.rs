@@ -219,6 +219,13 @@ impl Tiles {
         self.work_with_copy(source, picture, |copy, out| draw_cells(self, source, work, copy, out, kept))
     }
 
+    /// Fetches what some cells are drawn from: those `wanted`, by column and band.
+    pub(crate) fn fetch_cells(&self, source: &[u8], wanted: impl Fn(usize, usize) -> bool) {
+        for (_, _, pieces) in cells(self, wanted) {
+            fetch(source, pieces);
+        }
+    }
+
     fn work_with_copy(
         &self,
         source: &[u8],
@@ -283,30 +290,29 @@ fn draw(tiles: &Tiles, source: &[u8], copy: &mut [u8; COPY_BYTES], out: &mut [u8
     }
 }
 
+/// Cells that are `wanted` by column and band, tile by tile: tile, band, and what of the source they need.
+fn cells(tiles: &Tiles, wanted: impl Fn(usize, usize) -> bool) -> impl Iterator<Item = (&Tile, usize, &[Span])> {
+    tiles
+        .tiles
+        .iter()
+        .flat_map(|tile| {
+            let first = tile.rows.start / CELL_ROWS;
+            (first..).zip(&tile.pieces).map(move |(band, pieces)| (tile, band, pieces))
+        })
+        .filter(move |(tile, band, _)| wanted(tile.column.div_ceil(COLUMNS), *band))
+        .map(|(tile, band, pieces)| (tile, band, &tiles.pieces[pieces.clone()]))
+}
+
 wide! {
-/// The cells that are worked, tile by tile; what is drawn over is kept. While one is worked the source of the next one is fetched.
+/// The cells that are worked, tile by tile; what is drawn over is kept. Their source has been fetched.
 fn draw_cells(tiles: &Tiles, source: &[u8], work: &Work, copy: &mut [u8; COPY_BYTES], out: &mut [u8], kept: &mut [u8]) {
     let (offsets, weights) = (tiles.offsets.as_chunks::<COLUMNS>().0, tiles.weights.as_chunks::<COLUMNS>().0);
     let level = available();
-    let mut cells = tiles.tiles.iter().flat_map(|tile| {
-        let (column, first) = (tile.column.div_ceil(COLUMNS), tile.rows.start / CELL_ROWS);
-        let bands = (first..).zip(&tile.pieces).filter(move |(band, _)| work.is_worked(column, *band));
-        bands.map(move |(band, pieces)| (tile, band, &tiles.pieces[pieces.clone()]))
-    });
-    let mut next = cells.next();
-    while let Some((tile, band, pieces)) = next {
-        next = cells.next();
+    for (tile, band, pieces) in cells(tiles, |column, band| work.is_worked(column, band)) {
         fill(copy, source, tiles.stride, pieces);
-        let mut ahead = next.map_or(&[][..], |(_, _, pieces)| pieces);
         let rows = tile.rows.start.max(band * CELL_ROWS)..tile.rows.end.min((band + 1) * CELL_ROWS);
-        let share = ahead.len().div_ceil(rows.len().div_ceil(FETCH_ROWS));
         let before = tile.column.next_multiple_of(COLUMNS) - tile.column;
-        for (k, v) in rows.enumerate() {
-            if k % FETCH_ROWS == 0 {
-                let (now, later) = ahead.split_at(share.min(ahead.len()));
-                fetch(source, now);
-                ahead = later;
-            }
+        for v in rows {
             let at = tile.first + v - tile.rows.start;
             let place = v * tiles.width + tile.column;
             for picture in [&*out, &*kept] {
@@ -350,7 +356,7 @@ fn fill(copy: &mut [u8; COPY_BYTES], source: &[u8], stride: usize, spans: &[Span
 fn fetch(source: &[u8], spans: &[Span]) {
     for span in spans {
         let Some(pixels) = source.get(span.start as usize..) else { return };
-        kernel::fetch(&pixels[..pixels.len().min(span.blocks as usize * BLOCK)]);
+        kernel::fetch_far(&pixels[..pixels.len().min(span.blocks as usize * BLOCK)]);
     }
 }
 
