@@ -1,8 +1,6 @@
 //! Counting marks 64 pixels at a time: plane p of a row holds bit p of the count of each of its pixels.
 
 use super::wide;
-#[cfg(target_arch = "x86_64")]
-use super::{Level, available};
 
 /// Planes of a count of marks in the rows of a window, a column each: at most 11.
 pub const COLUMN_PLANES: usize = 4;
@@ -35,11 +33,7 @@ wide! {
 pub fn majority_of_counts(columns: &[u64], most: usize, reach: usize, need: &[u64], out: &mut [u64]) {
     // The window that is usual has loops of its own.
     match (reach, most) {
-        #[cfg(target_arch = "x86_64")]
-        (2, ..=7) if available() == Level::Avx512 && out.len() >= WORDS => {
-            // SAFETY: the processor has these instructions.
-            unsafe { majority_of_five_avx512(columns, need, out) };
-        }
+        (2, ..=7) if out.len() >= WORDS => majority_of_five(columns, need, out),
         (2, ..=7) => majority::<2, 3>(columns, need, out),
         (1, _) => majority::<1, 4>(columns, need, out),
         (2, _) => majority::<2, 4>(columns, need, out),
@@ -124,64 +118,58 @@ fn add(sum: &mut [u64; PLANES], number: [u64; COLUMN_PLANES]) {
     }
 }
 
-/// The same of five columns that count at most seven each, in a third of the instructions that the compiler finds: bits of one weight are
-/// added up three at a time, each sum and carry in one instruction. At least [`WORDS`] words.
-#[cfg(target_arch = "x86_64")]
-#[target_feature(enable = "avx512f")]
-fn majority_of_five_avx512(columns: &[u64], need: &[u64], out: &mut [u64]) {
-    use std::arch::x86_64::*;
-    /// Truth tables of three bits: their sum, their carry, and the second where the first two are alike, else the first.
-    const SUM: i32 = 0b1001_0110;
-    const CARRY: i32 = 0b1110_1000;
-    const LARGER: i32 = 0b1011_0010;
-    let load = |words: &[u64], at: usize| match words.get(at..).and_then(|words| words.first_chunk::<WORDS>()) {
-        // SAFETY: 64 bytes are read of 64; the pointer need not be aligned.
-        Some(words) => unsafe { _mm512_loadu_si512(words.as_ptr().cast()) },
-        None => _mm512_setzero_si512(),
-    };
-    let sum = |a, b, c| _mm512_ternarylogic_epi64::<SUM>(a, b, c);
-    let carry = |a, b, c| _mm512_ternarylogic_epi64::<CARRY>(a, b, c);
+/// The same of five columns that count at most seven each, in a third of the instructions: bits of one weight are added up three at a
+/// time. At least [`WORDS`] words.
+#[inline(always)]
+fn majority_of_five(columns: &[u64], need: &[u64], out: &mut [u64]) {
     let (n, mut first) = (out.len(), 0);
     while first < n {
         let from = first.min(n - WORDS);
         first += WORDS;
-        // A plane's bits of the five columns.
-        let five = |plane: usize| {
-            let at = plane * (n + 2) + from;
-            let (before, here, after) = (load(columns, at), load(columns, at + 1), load(columns, at + 2));
-            [
-                here,
-                _mm512_or_si512(_mm512_slli_epi64::<1>(here), _mm512_srli_epi64::<63>(before)),
-                _mm512_or_si512(_mm512_srli_epi64::<1>(here), _mm512_slli_epi64::<63>(after)),
-                _mm512_or_si512(_mm512_slli_epi64::<2>(here), _mm512_srli_epi64::<62>(before)),
-                _mm512_or_si512(_mm512_srli_epi64::<2>(here), _mm512_slli_epi64::<62>(after)),
-            ]
-        };
-        let ([a, b, c, d, e], [f, g, h, i, j], [k, l, m, o, p]) = (five(0), five(1), five(2));
-        // Ones.
-        let (s, c0) = (sum(a, b, c), carry(a, b, c));
-        let (ones, c1) = (sum(s, d, e), carry(s, d, e));
-        // Twos: five and two carried.
-        let (s, c2) = (sum(f, g, h), carry(f, g, h));
-        let (t, c3) = (sum(i, j, c0), carry(i, j, c0));
-        let (twos, c4) = (sum(s, t, c1), carry(s, t, c1));
-        // Fours: five and three.
-        let (s, c5) = (sum(k, l, m), carry(k, l, m));
-        let (t, c6) = (sum(o, p, c2), carry(o, p, c2));
-        let (u, c7) = (sum(s, t, c3), carry(s, t, c3));
-        let (fours, c8) = (_mm512_xor_si512(u, c4), _mm512_and_si512(u, c4));
-        // Eights: four carried. Sixteens: two. At most 35 in all.
-        let (s, c9) = (sum(c5, c6, c7), carry(c5, c6, c7));
-        let (eights, c10) = (_mm512_xor_si512(s, c8), _mm512_and_si512(s, c8));
-        let (sixteens, more) = (_mm512_xor_si512(c9, c10), _mm512_and_si512(c9, c10));
-        let zero = _mm512_setzero_si512();
-        let mut enough = _mm512_set1_epi64(-1);
-        for (p, bits) in [ones, twos, fours, eights, sixteens, more, zero].into_iter().enumerate() {
-            enough = _mm512_ternarylogic_epi64::<LARGER>(bits, load(need, p * n + from), enough);
-        }
-        if let Some(out) = out[from..].first_chunk_mut::<WORDS>() {
-            // SAFETY: 64 bytes are written of 64; the pointer need not be aligned.
-            unsafe { _mm512_storeu_si512(out.as_mut_ptr().cast(), enough) };
+        let plane = |p: usize| columns[p * (n + 2) + from..].first_chunk::<{ WORDS + 2 }>();
+        let need = |p: usize| need[p * n + from..].first_chunk::<WORDS>();
+        let (Some(p0), Some(p1), Some(p2)) = (plane(0), plane(1), plane(2)) else { return };
+        let (Some(n0), Some(n1), Some(n2), Some(n3)) = (need(0), need(1), need(2), need(3)) else { return };
+        let (Some(n4), Some(n5), Some(n6)) = (need(4), need(5), need(6)) else { return };
+        let Some(out) = out[from..].first_chunk_mut::<WORDS>() else { return };
+        for w in 0..WORDS {
+            let ([a, b, c, d, e], [f, g, h, i, j], [k, l, m, o, p]) = (five(p0, w), five(p1, w), five(p2, w));
+            // Ones.
+            let (s, c0) = three(a, b, c);
+            let (ones, c1) = three(s, d, e);
+            // Twos: five and two carried.
+            let ((s, c2), (t, c3)) = (three(f, g, h), three(i, j, c0));
+            let (twos, c4) = three(s, t, c1);
+            // Fours: five and three.
+            let ((s, c5), (t, c6)) = (three(k, l, m), three(o, p, c2));
+            let (u, c7) = three(s, t, c3);
+            let (fours, c8) = (u ^ c4, u & c4);
+            // Eights: four carried. Sixteens: two. At most 35 in all.
+            let (s, c9) = three(c5, c6, c7);
+            let (eights, c10) = (s ^ c8, s & c8);
+            let (sixteens, more) = (c9 ^ c10, c9 & c10);
+            // Bit by bit from below: where sum and need differ, the sum has it.
+            let mut enough = u64::MAX;
+            let bits = [ones, twos, fours, eights, sixteens, more, 0];
+            let needs = [n0[w], n1[w], n2[w], n3[w], n4[w], n5[w], n6[w]];
+            for p in 0..PLANES {
+                enough = (bits[p] & !needs[p]) | (!(bits[p] ^ needs[p]) & enough);
+            }
+            out[w] = enough;
         }
     }
+}
+
+/// A plane's bits of the five columns round each of word `w`; it has a word before and after.
+#[inline(always)]
+fn five(plane: &[u64; WORDS + 2], w: usize) -> [u64; 5] {
+    let (before, here, after) = (plane[w], plane[w + 1], plane[w + 2]);
+    [here, here << 1 | before >> 63, here >> 1 | after << 63, here << 2 | before >> 62, here >> 2 | after << 62]
+}
+
+/// Sum and carry of three bits.
+#[inline(always)]
+fn three(a: u64, b: u64, c: u64) -> (u64, u64) {
+    let half = a ^ b;
+    (half ^ c, (a & b) | (c & half))
 }
