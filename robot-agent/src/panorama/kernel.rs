@@ -3,7 +3,7 @@
 mod blocks;
 mod tiles;
 
-pub(super) use blocks::{Segment, copy, differences, fetch};
+pub(super) use blocks::{Segment, copy, differences};
 pub(super) use tiles::Tiles;
 
 use super::LutEntry;

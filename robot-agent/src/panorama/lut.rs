@@ -3,7 +3,7 @@
 use nalgebra::Vector2;
 
 use super::{GazeWindow, PanoramaGeometry, RadialPanorama, kernel};
-use crate::motion::Canvas;
+use crate::motion::{Canvas, Work};
 use crate::optics::{MountedCamera, direction};
 
 /// One output pixel: the upper left of its four source pixels and the weights of the right and lower ones in 1/256.
@@ -162,10 +162,10 @@ impl Lut {
         Ok(())
     }
 
-    /// Fetches what some cells are unwarped from, while something else is done: those `wanted`, by column and band.
-    pub(super) fn fetch_cells(&self, source: &[u8], wanted: impl Fn(usize, usize) -> bool) {
+    /// Begins to fetch what cells are unwarped from that are known to be worked, while something else is done.
+    pub(super) fn fetch_first(&self, source: &[u8], work: &Work) {
         if let Some(tiles) = &self.tiles {
-            tiles.fetch_cells(source, wanted);
+            tiles.fetch_first(source, work);
         }
     }
 

@@ -148,16 +148,14 @@ impl Watch {
 
     /// Tells `work` of the cells that have changed, of those that are to be looked at; of all where many of those have.
     fn look(&mut self, lut: &Lut, source: &[u8], work: &mut Work) {
-        lut.fetch_cells(source, |column, band| work.is_worked(column, band));
+        lut.fetch_first(source, work);
         self.choose(|at| work.is_looked_at(at.column, at.band));
-        kernel::fetch(source, &self.places, &self.looked_blocks);
         let changed = self.look_at(source, work);
         let many = changed as f64 > MANY * self.looked.len() as f64;
         work.set_calm(!many && !self.looked.is_empty());
         if many {
             self.choose(|at| work.is_passed_over(at.column, at.band));
-            kernel::fetch(source, &self.places, &self.looked_blocks);
-            self.look_at(source, work);
+                self.look_at(source, work);
         }
     }
 

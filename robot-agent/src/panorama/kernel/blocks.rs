@@ -7,6 +7,9 @@ pub(in super::super) type Segment = [u8; 16];
 
 /// Segments of a block.
 const SEGMENTS: usize = 8;
+/// Blocks ahead of the one that is worked whose pixels are fetched into the cache: so many that memory is always busy, and so few
+/// that they stay there until they are worked.
+const AHEAD: usize = 64;
 
 wide! {
 /// The sum of absolute differences to its `reference` of each of some `blocks`; `places` are where a block's segments begin in the
@@ -18,21 +21,23 @@ pub(in super::super) fn differences(
     blocks: &[u32],
     sums: &mut [u16],
 ) {
-    for block in blocks {
+    let fetch = |block: &u32| {
+        for place in places.get(*block as usize).into_iter().flatten() {
+            let place = *place as usize;
+            kernel::fetch_far(picture.get(place..place + size_of::<Segment>()).unwrap_or_default());
+        }
+    };
+    blocks.iter().take(AHEAD).for_each(fetch);
+    for (i, block) in blocks.iter().enumerate() {
+        if let Some(later) = blocks.get(i + AHEAD) {
+            fetch(later);
+        }
         let block = *block as usize;
         if let (Some(places), Some(reference), Some(sum)) = (places.get(block), reference.get(block), sums.get_mut(block)) {
             *sum = difference(picture, places, reference);
         }
     }
 }
-}
-
-/// Fetches blocks of a picture.
-pub(in super::super) fn fetch(picture: &[u8], places: &[[u32; SEGMENTS]], blocks: &[u32]) {
-    for place in blocks.iter().filter_map(|block| places.get(*block as usize)).flatten() {
-        let place = *place as usize;
-        kernel::fetch_far(picture.get(place..place + size_of::<Segment>()).unwrap_or_default());
-    }
 }
 
 /// Takes the picture's blocks as reference.

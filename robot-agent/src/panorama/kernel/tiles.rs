@@ -32,6 +32,8 @@ const BLOCK: usize = 16;
 const COPY_BYTES: usize = 2 * (1 << 16) + 2;
 /// Rows of a tile between which source is fetched.
 const FETCH_ROWS: usize = 4;
+/// Cells ahead of the one that is worked whose source is fetched: about 100 KB, which stay in the second-level cache until then.
+const AHEAD_CELLS: usize = 64;
 /// Rows ahead of which is fetched what is drawn over.
 const DRAW_AHEAD: usize = 3;
 
@@ -219,9 +221,9 @@ impl Tiles {
         self.work_with_copy(source, picture, |copy, out| draw_cells(self, source, work, copy, out, kept))
     }
 
-    /// Fetches what some cells are drawn from: those `wanted`, by column and band.
-    pub(crate) fn fetch_cells(&self, source: &[u8], wanted: impl Fn(usize, usize) -> bool) {
-        for (_, _, pieces) in cells(self, wanted) {
+    /// Fetches what the first of the cells are drawn from that are known to be worked: as much as will stay in the cache until then.
+    pub(crate) fn fetch_first(&self, source: &[u8], work: &Work) {
+        for (_, _, pieces) in worked_cells(self, work).take(AHEAD_CELLS) {
             fetch(source, pieces);
         }
     }
@@ -290,25 +292,24 @@ fn draw(tiles: &Tiles, source: &[u8], copy: &mut [u8; COPY_BYTES], out: &mut [u8
     }
 }
 
-/// Cells that are `wanted` by column and band, tile by tile: tile, band, and what of the source they need.
-fn cells(tiles: &Tiles, wanted: impl Fn(usize, usize) -> bool) -> impl Iterator<Item = (&Tile, usize, &[Span])> {
-    tiles
-        .tiles
-        .iter()
-        .flat_map(|tile| {
-            let first = tile.rows.start / CELL_ROWS;
-            (first..).zip(&tile.pieces).map(move |(band, pieces)| (tile, band, pieces))
-        })
-        .filter(move |(tile, band, _)| wanted(tile.column.div_ceil(COLUMNS), *band))
-        .map(|(tile, band, pieces)| (tile, band, &tiles.pieces[pieces.clone()]))
+/// The cells that are worked, tile by tile: tile, band, and what of the source they need.
+fn worked_cells<'a>(tiles: &'a Tiles, work: &'a Work) -> impl Iterator<Item = (&'a Tile, usize, &'a [Span])> {
+    let bands = |tile: &'a Tile| (tile.rows.start / CELL_ROWS..).zip(&tile.pieces).map(move |(band, p)| (tile, band, p));
+    let cells = tiles.tiles.iter().flat_map(bands);
+    let worked = cells.filter(|(tile, band, _)| work.is_worked(tile.column.div_ceil(COLUMNS), *band));
+    worked.map(|(tile, band, pieces)| (tile, band, &tiles.pieces[pieces.clone()]))
 }
 
 wide! {
-/// The cells that are worked, tile by tile; what is drawn over is kept. Their source has been fetched.
+/// The cells that are worked, tile by tile; what is drawn over is kept. [`Tiles::fetch_first`] came before.
 fn draw_cells(tiles: &Tiles, source: &[u8], work: &Work, copy: &mut [u8; COPY_BYTES], out: &mut [u8], kept: &mut [u8]) {
     let (offsets, weights) = (tiles.offsets.as_chunks::<COLUMNS>().0, tiles.weights.as_chunks::<COLUMNS>().0);
     let level = available();
-    for (tile, band, pieces) in cells(tiles, |column, band| work.is_worked(column, band)) {
+    let mut later = worked_cells(tiles, work).skip(AHEAD_CELLS);
+    for (tile, band, pieces) in worked_cells(tiles, work) {
+        if let Some((_, _, pieces)) = later.next() {
+            fetch(source, pieces);
+        }
         fill(copy, source, tiles.stride, pieces);
         let rows = tile.rows.start.max(band * CELL_ROWS)..tile.rows.end.min((band + 1) * CELL_ROWS);
         let before = tile.column.next_multiple_of(COLUMNS) - tile.column;
