@@ -155,7 +155,7 @@ impl Watch {
         work.set_calm(!many && !self.looked.is_empty());
         if many {
             self.choose(|at| work.is_passed_over(at.column, at.band));
-                self.look_at(source, work);
+            self.look_at(source, work);
         }
     }
 

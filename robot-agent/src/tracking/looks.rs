@@ -179,34 +179,58 @@ impl Looks {
 /// Mean gain of an exchange over the last frames that is believed, nats, and how fast it follows a frame.
 const SURELY_EXCHANGED: f64 = 2.2;
 const FOLLOW_GAIN: f64 = 0.5;
+/// The same in the first frames that show both, after one of them was covered: who is who was a guess then, and a wrong one costs
+/// as much as a wrong exchange.
+const LIKELY_EXCHANGED: f64 = 0.8;
+const FIRST_SIGHTS: u32 = 3;
 
 /// Of tracks that are in doubt together, how much speaks for their going on under each other's numbers, of late since they were
 /// beside each other: who has exchanged places with whom shows as soon as both come out, long before either is apart from
 /// everybody. Frames err alike, where a part of somebody is hidden or somebody else's: that many of them say so tells little more
 /// than that one does, and a sum over them would in the end believe any small gain.
 #[derive(Debug, Clone, Default)]
-pub(super) struct Suspicions(Vec<([TrackId; 2], f64)>);
+pub(super) struct Suspicions {
+    pairs: Vec<Suspicion>,
+    frame: u32,
+}
+
+#[derive(Debug, Clone)]
+struct Suspicion {
+    pair: [TrackId; 2],
+    /// Mean gain.
+    mean: f64,
+    /// The last frame that showed both, and how many in a row did until then.
+    frame: u32,
+    sights: u32,
+}
 
 impl Suspicions {
-    /// Those who are not in doubt are not suspected.
+    /// Begins a frame. Those who are not in doubt are not suspected.
     pub(super) fn keep(&mut self, in_doubt: impl Fn(TrackId) -> bool) {
-        self.0.retain(|(pair, _)| pair.iter().all(|t| in_doubt(*t)));
+        self.frame = self.frame.wrapping_add(1);
+        self.pairs.retain(|s| s.pair.iter().all(|t| in_doubt(*t)));
     }
 
     /// A frame that shows two tracks, which are `beside` each other or not, and looks by `nats` more like their being each
-    /// other than like their being themselves. Whether they were exchanged.
-    pub(super) fn weigh(&mut self, a: TrackId, b: TrackId, beside: bool, nats: f64) -> bool {
+    /// other than like their being themselves; `clearly` it shows both, 0 to 1. Whether they were exchanged.
+    pub(super) fn weigh(&mut self, a: TrackId, b: TrackId, beside: bool, nats: f64, clearly: f64) -> bool {
         let pair = [a.min(b), a.max(b)];
-        let known = self.0.iter().position(|(p, _)| *p == pair);
+        let known = self.pairs.iter().position(|s| s.pair == pair);
         let Some(k) = known.or_else(|| {
-            beside.then(|| self.0.push((pair, 0.0)))?;
-            Some(self.0.len() - 1)
+            beside.then(|| self.pairs.push(Suspicion { pair, mean: 0.0, frame: self.frame, sights: 0 }))?;
+            Some(self.pairs.len() - 1)
         }) else {
             return false;
         };
-        let mean = &mut self.0[k].1;
-        *mean += FOLLOW_GAIN * (nats - *mean);
-        let exchanged = *mean > SURELY_EXCHANGED;
+        let Suspicion { mean, frame, sights, .. } = &mut self.pairs[k];
+        *sights = if self.frame.wrapping_sub(*frame) > 1 { 1 } else { sights.saturating_add(1) };
+        *frame = self.frame;
+        // A part of the other is easily taken for somebody's own as he comes out.
+        let (weight, believed) =
+            if *sights <= FIRST_SIGHTS { (clearly, LIKELY_EXCHANGED) } else { (1.0, SURELY_EXCHANGED) };
+        let follow = if *sights == 1 { 1.0 } else { FOLLOW_GAIN };
+        *mean += follow * (weight * nats - *mean);
+        let exchanged = *mean > believed;
         if exchanged {
             *mean = -SURELY_EXCHANGED;
         }
@@ -341,15 +365,44 @@ mod tests {
         let (own, others) =
             (exchange_gain([&dark, &bright], [&dark, &bright]), exchange_gain([&bright, &dark], [&dark, &bright]));
         let mut suspicions = Suspicions::default();
-        assert!(!suspicions.weigh(a, b, false, others), "they were never beside each other");
-        assert!((0..50).all(|_| !suspicions.weigh(a, b, true, own)));
-        let frames = (1..10).find(|_| suspicions.weigh(b, a, false, others));
+        let mut frame = |beside, nats| {
+            suspicions.keep(|_| true);
+            suspicions.weigh(a, b, beside, nats, 1.0)
+        };
+        assert!(!frame(false, others), "they were never beside each other");
+        assert!((0..50).all(|_| !frame(true, own)));
+        let frames = (1..10).find(|_| frame(false, others));
         assert!(frames.is_some_and(|n| n <= 3), "{frames:?}");
         // Whoever looks alike is not exchanged, nor who looks a little like the other for ever so long.
         let alike = exchange_gain([&dark, &dark], [&dark, &dark]);
         for nats in [alike, 0.9 * SURELY_EXCHANGED] {
-            assert!((0..50).all(|_| !suspicions.weigh(a, b, true, nats)), "{nats}");
+            assert!((0..50).all(|_| !frame(true, nats)), "{nats}");
         }
+    }
+
+    #[test]
+    fn who_is_who_is_decided_anew_after_one_was_covered_by_frames_that_show_both() {
+        let [a, b] = [TrackId(1), TrackId(2)];
+        let exchanged = |frames: &[(f64, f64)]| {
+            let mut suspicions = Suspicions::default();
+            for _ in 0..20 {
+                suspicions.keep(|_| true);
+                assert!(!suspicions.weigh(a, b, true, -4.0, 1.0));
+            }
+            // One covers the other.
+            suspicions.keep(|_| true);
+            frames.iter().position(|(nats, clearly)| {
+                suspicions.keep(|_| true);
+                suspicions.weigh(a, b, true, *nats, *clearly)
+            })
+        };
+        // Far less than what it takes while both are seen all the time.
+        assert_eq!(exchanged(&[(1.2, 1.0)]), Some(0));
+        // Somebody of whom a part comes out has some of the other in it.
+        assert_eq!(exchanged(&[(2.6, 0.2), (-0.1, 0.8), (-0.7, 1.0), (-1.5, 1.0)]), None);
+        assert_eq!(exchanged(&[(0.8, 0.5), (2.8, 1.0)]), Some(1));
+        // Later it is not a guess any more.
+        assert_eq!(exchanged(&[(-1.0, 1.0), (-1.0, 1.0), (-1.0, 1.0), (1.2, 1.0), (1.2, 1.0), (1.2, 1.0)]), None);
     }
 
     #[test]

@@ -221,7 +221,10 @@ impl Tracker {
                 let [one, other] = [a, b].map(|t| &self.tracks[*t]);
                 let (Some(known_a), Some(known_b)) = (one.looks.firm(), other.looks.firm()) else { continue };
                 let nats = looks::exchange_gain([now_a, now_b], [known_a, known_b]);
-                if self.suspicions.weigh(one.id, other.id, figures.are_beside(&all[*a], &all[*b]), nats) {
+                let beside = figures.are_beside(&all[*a], &all[*b]);
+                let least = f64::from(all[*a].own.min(all[*b].own).min(1.0));
+                let clearly = (least - f64::from(COMPARED_OWN)) / (1.0 - f64::from(COMPARED_OWN));
+                if self.suspicions.weigh(one.id, other.id, beside, nats, clearly) {
                     looks::exchange(&mut self.tracks, *a, *b);
                     for t in [*a, *b] {
                         self.tracks[t].turning_point = Some(capture);

@@ -294,7 +294,8 @@ fn draw(tiles: &Tiles, source: &[u8], copy: &mut [u8; COPY_BYTES], out: &mut [u8
 
 /// The cells that are worked, tile by tile: tile, band, and what of the source they need.
 fn worked_cells<'a>(tiles: &'a Tiles, work: &'a Work) -> impl Iterator<Item = (&'a Tile, usize, &'a [Span])> {
-    let bands = |tile: &'a Tile| (tile.rows.start / CELL_ROWS..).zip(&tile.pieces).map(move |(band, p)| (tile, band, p));
+    let bands =
+        |tile: &'a Tile| (tile.rows.start / CELL_ROWS..).zip(&tile.pieces).map(move |(band, p)| (tile, band, p));
     let cells = tiles.tiles.iter().flat_map(bands);
     let worked = cells.filter(|(tile, band, _)| work.is_worked(tile.column.div_ceil(COLUMNS), *band));
     worked.map(|(tile, band, pieces)| (tile, band, &tiles.pieces[pieces.clone()]))
