@@ -284,7 +284,7 @@ impl Follower {
 }
 
 impl Followed {
-    /// Whether it may be shown: believed, seen by two robots, sure enough.
+    /// Whether it may be shown: believed and seen by two robots. Whether its place is sure enough [`Self::published_covariance`] says.
     pub fn is_confirmed(&self) -> bool {
         self.state.updates >= CONFIRMED_UPDATES && self.state.two_robots
     }

@@ -33,7 +33,6 @@ wide! {
 pub fn majority_of_counts(columns: &[u64], most: usize, reach: usize, need: &[u64], out: &mut [u64]) {
     // The window that is usual has loops of its own.
     match (reach, most) {
-        (2, ..=7) if out.len() >= WORDS => majority_of_five(columns, need, out),
         (2, ..=7) => majority::<2, 3>(columns, need, out),
         (1, _) => majority::<1, 4>(columns, need, out),
         (2, _) => majority::<2, 4>(columns, need, out),
@@ -87,17 +86,7 @@ fn majority_of_words<const REACH: usize, const COUNTED: usize>(
             [d[w], d[w + 1], d[w + 2]],
         ];
         words[COUNTED..].fill([0; 3]);
-        let mut sum = [0u64; PLANES];
-        add(&mut sum, [words[0][1], words[1][1], words[2][1], words[3][1]]);
-        for by in 1..=REACH {
-            let (mut left, mut right) = ([0; COLUMN_PLANES], [0; COLUMN_PLANES]);
-            for p in 0..COLUMN_PLANES {
-                left[p] = words[p][1] << by | words[p][0] >> (64 - by);
-                right[p] = words[p][1] >> by | words[p][2] << (64 - by);
-            }
-            add(&mut sum, left);
-            add(&mut sum, right);
-        }
+        let sum = if REACH == 2 && COUNTED == 3 { sum_of_five(words) } else { sum_of::<REACH>(words) };
         let need = [need0[w], need1[w], need2[w], need3[w], need4[w], need5[w], need6[w]];
         let mut enough = u64::MAX;
         for p in 0..PLANES {
@@ -105,6 +94,23 @@ fn majority_of_words<const REACH: usize, const COUNTED: usize>(
         }
         out[w] = enough;
     }
+}
+
+/// The sum of 2·`REACH` + 1 columns; `words` as in [`sum_of_five`].
+#[inline(always)]
+fn sum_of<const REACH: usize>(words: [[u64; 3]; COLUMN_PLANES]) -> [u64; PLANES] {
+    let mut sum = [0u64; PLANES];
+    add(&mut sum, [words[0][1], words[1][1], words[2][1], words[3][1]]);
+    for by in 1..=REACH {
+        let (mut left, mut right) = ([0; COLUMN_PLANES], [0; COLUMN_PLANES]);
+        for p in 0..COLUMN_PLANES {
+            left[p] = words[p][1] << by | words[p][0] >> (64 - by);
+            right[p] = words[p][1] >> by | words[p][2] << (64 - by);
+        }
+        add(&mut sum, left);
+        add(&mut sum, right);
+    }
+    sum
 }
 
 /// `sum += number`, bit by bit.
@@ -118,52 +124,30 @@ fn add(sum: &mut [u64; PLANES], number: [u64; COLUMN_PLANES]) {
     }
 }
 
-/// The same of five columns that count at most seven each, in a third of the instructions: bits of one weight are added up three at a
-/// time. At least [`WORDS`] words.
+/// The sum of five columns that count at most seven each, in a third of the instructions of [`add`]: bits of one weight are added up
+/// three at a time. `words`: of each plane the word before, the word itself and the one after.
 #[inline(always)]
-fn majority_of_five(columns: &[u64], need: &[u64], out: &mut [u64]) {
-    let (n, mut first) = (out.len(), 0);
-    while first < n {
-        let from = first.min(n - WORDS);
-        first += WORDS;
-        let plane = |p: usize| columns[p * (n + 2) + from..].first_chunk::<{ WORDS + 2 }>();
-        let need = |p: usize| need[p * n + from..].first_chunk::<WORDS>();
-        let (Some(p0), Some(p1), Some(p2)) = (plane(0), plane(1), plane(2)) else { return };
-        let (Some(n0), Some(n1), Some(n2), Some(n3)) = (need(0), need(1), need(2), need(3)) else { return };
-        let (Some(n4), Some(n5), Some(n6)) = (need(4), need(5), need(6)) else { return };
-        let Some(out) = out[from..].first_chunk_mut::<WORDS>() else { return };
-        for w in 0..WORDS {
-            let ([a, b, c, d, e], [f, g, h, i, j], [k, l, m, o, p]) = (five(p0, w), five(p1, w), five(p2, w));
-            // Ones.
-            let (s, c0) = three(a, b, c);
-            let (ones, c1) = three(s, d, e);
-            // Twos: five and two carried.
-            let ((s, c2), (t, c3)) = (three(f, g, h), three(i, j, c0));
-            let (twos, c4) = three(s, t, c1);
-            // Fours: five and three.
-            let ((s, c5), (t, c6)) = (three(k, l, m), three(o, p, c2));
-            let (u, c7) = three(s, t, c3);
-            let (fours, c8) = (u ^ c4, u & c4);
-            // Eights: four carried. Sixteens: two. At most 35 in all.
-            let (s, c9) = three(c5, c6, c7);
-            let (eights, c10) = (s ^ c8, s & c8);
-            let (sixteens, more) = (c9 ^ c10, c9 & c10);
-            // Bit by bit from below: where sum and need differ, the sum has it.
-            let mut enough = u64::MAX;
-            let bits = [ones, twos, fours, eights, sixteens, more, 0];
-            let needs = [n0[w], n1[w], n2[w], n3[w], n4[w], n5[w], n6[w]];
-            for p in 0..PLANES {
-                enough = (bits[p] & !needs[p]) | (!(bits[p] ^ needs[p]) & enough);
-            }
-            out[w] = enough;
-        }
-    }
+fn sum_of_five(words: [[u64; 3]; COLUMN_PLANES]) -> [u64; PLANES] {
+    let ([a, b, c, d, e], [f, g, h, i, j], [k, l, m, o, p]) = (five(words[0]), five(words[1]), five(words[2]));
+    // Ones.
+    let (s, c0) = three(a, b, c);
+    let (ones, c1) = three(s, d, e);
+    // Twos: five and two carried.
+    let ((s, c2), (t, c3)) = (three(f, g, h), three(i, j, c0));
+    let (twos, c4) = three(s, t, c1);
+    // Fours: five and three.
+    let ((s, c5), (t, c6)) = (three(k, l, m), three(o, p, c2));
+    let (u, c7) = three(s, t, c3);
+    let (fours, c8) = (u ^ c4, u & c4);
+    // Eights: four carried. Sixteens: two. At most 35 in all.
+    let (s, c9) = three(c5, c6, c7);
+    let (eights, c10) = (s ^ c8, s & c8);
+    [ones, twos, fours, eights, c9 ^ c10, c9 & c10, 0]
 }
 
-/// A plane's bits of the five columns round each of word `w`; it has a word before and after.
+/// A plane's bits of the five columns round each of a word's.
 #[inline(always)]
-fn five(plane: &[u64; WORDS + 2], w: usize) -> [u64; 5] {
-    let (before, here, after) = (plane[w], plane[w + 1], plane[w + 2]);
+fn five([before, here, after]: [u64; 3]) -> [u64; 5] {
     [here, here << 1 | before >> 63, here >> 1 | after << 63, here << 2 | before >> 62, here >> 2 | after << 62]
 }
 
