@@ -20,8 +20,13 @@ const RATIO: [f32; 2] = [0.72, 0.985];
 /// For how many frames a place may become brighter since a shadow lay on it, and since the background was begun.
 const REMEMBERED: u16 = 6000;
 const REMEMBERED_NEW: u16 = 300;
-/// Variance of the rest against that of the noise.
+/// Ratios of shadows, however deep, through which the texture behind shows.
+const DEEP_RATIO: [f32; 2] = [0.3, 0.985];
+/// Variance of the rest against that of the noise, …
 const MOST_REST: f32 = 2.2;
+/// … and against that of what shows through, if that is at least so much against the noise.
+const MOST_REST_OF_TEXTURE: f32 = 0.2;
+const LEAST_TEXTURE: f32 = 4.0;
 /// Marked pixels that say enough.
 const LEAST_PIXELS: u8 = 8;
 
@@ -177,13 +182,13 @@ fn nibbles(rows: &[u64], word: usize, stride: usize) -> u64 {
 kernel::wide! {
 /// What each block of a word is, `counts` marks in it; empty where that is too few. Sums of products of its marked pixels in eighths of grey levels, so that
 /// they stay in 32 bits: 24 · 2040² < 2³².
-fn judge(products: &[[u32; BLOCKS]; 4], counts: &[u8; BLOCKS], gain: f32) -> [u8; BLOCKS] {
+fn judge(products: &[[u32; BLOCKS]; 5], counts: &[u8; BLOCKS], gain: f32) -> [u8; BLOCKS] {
     const UNIT: f32 = 1.0 / 64.0;
     const SIGMA: f32 = 1.2533 / 256.0;
     let mut kinds = [EMPTY; BLOCKS];
     for k in 0..BLOCKS {
-        let [cc, cb, bb, nn] = [products[0][k], products[1][k], products[2][k], products[3][k]];
-        let [cc, cb, bb, nn] = [cc as f32, cb as f32, bb as f32, nn as f32];
+        let [cc, cb, bb, nn, b1] = [products[0][k], products[1][k], products[2][k], products[3][k], products[4][k]];
+        let [cc, cb, bb, nn, b1] = [cc as f32, cb as f32, bb as f32, nn as f32, b1 as f32];
         let n = f32::from(counts[k].max(1));
         let ratio = cb / bb.max(1.0);
         let rest = (cc - ratio * cb).max(0.0) * UNIT / n;
@@ -191,7 +196,10 @@ fn judge(products: &[[u32; BLOCKS]; 4], counts: &[u8; BLOCKS], gain: f32) -> [u8
         let darker = (ratio / gain >= RATIO[0]) & (ratio / gain < RATIO[1]);
         let brighter = (gain / ratio >= RATIO[0]) & (gain / ratio < RATIO[1]);
         let textured = rest < MOST_REST * noise + 0.3;
-        let kind = if textured & darker {
+        let through = ratio * ratio * (bb - b1 * b1 / n).max(0.0) * UNIT / n;
+        let shows_through = (through > LEAST_TEXTURE * (noise + 0.3)) & (rest < MOST_REST_OF_TEXTURE * through);
+        let deep = (ratio / gain >= DEEP_RATIO[0]) & (ratio / gain < DEEP_RATIO[1]);
+        let kind = if textured & darker | shows_through & deep {
             SHADOW
         } else if textured & brighter {
             LIT

@@ -5,11 +5,12 @@ use super::{Level, available};
 
 /// Columns of a word of marks.
 const COLUMNS: usize = 64;
-/// Of picture², picture · background, background², noise², each four columns apart.
-type Fours = [[u32; COLUMNS / 4]; 4];
+/// Of picture², picture · background, background², noise² and background, each four columns apart.
+type Fours = [[u32; COLUMNS / 4]; 5];
 
 /// Sums over each four columns of a word of marks (its column 0 is pixel 0 of each slice, `width` pixels a row, as many rows
-/// as there are `marks`): picture², picture · background, background² in (1/8 grey level)², and noise², of marked pixels.
+/// as there are `marks`): picture², picture · background, background² in (1/8 grey level)², noise², and background in 1/8 grey
+/// level, of marked pixels.
 /// Background and noise are 8.8 fixed point, noise at most [`super::NOISE_MAX`].
 pub fn products_by_fours(marks: &[u64], picture: &[u8], background: &[u16], noise: &[u16], width: usize) -> Fours {
     let mut fours = Fours::default();
@@ -40,7 +41,7 @@ pub fn products_by_fours(marks: &[u64], picture: &[u8], background: &[u16], nois
             let at = row * width + i;
             let (Some(c), Some(b), Some(s)) = (picture.get(at), background.get(at), noise.get(at)) else { continue };
             let (c, b, s) = (u32::from(*c) << 3, u32::from(*b >> 5), u32::from(*s));
-            for (sums, product) in fours.iter_mut().zip([c * c, c * b, b * b, s * s]) {
+            for (sums, product) in fours.iter_mut().zip([c * c, c * b, b * b, s * s, b]) {
                 sums[i / 4] += product;
             }
         }
@@ -71,7 +72,8 @@ fn sum_group_avx2(
     use std::arch::x86_64::*;
     let bit = _mm256_setr_epi16(1, 2, 4, 8, 16, 32, 64, 128, 256, 512, 1024, 2048, 4096, 8192, 16384, i16::MIN);
     let zero = _mm256_setzero_si256();
-    let (mut cc, mut cb, mut bb, mut ss) = (zero, zero, zero, zero);
+    let one = _mm256_set1_epi16(1);
+    let (mut cc, mut cb, mut bb, mut ss, mut b1) = (zero, zero, zero, zero, zero);
     let any = marks.iter().fold(0, |any, bits| any | bits);
     if (any >> (GROUP * group)) as u16 == 0 {
         return;
@@ -98,18 +100,16 @@ fn sum_group_avx2(
         cb = _mm256_add_epi32(cb, _mm256_madd_epi16(c, b));
         bb = _mm256_add_epi32(bb, _mm256_madd_epi16(b, b));
         ss = _mm256_add_epi32(ss, _mm256_madd_epi16(s, s));
+        b1 = _mm256_add_epi32(b1, _mm256_madd_epi16(b, one));
     }
     // Sums of two columns become those of four, of two kinds side by side in each half.
     let both = |x, y| _mm256_permute4x64_epi64::<0b11_01_10_00>(_mm256_hadd_epi32(x, y));
-    let (first, second) = (both(cc, cb), both(bb, ss));
-    let [cc, cb, bb, ss] = fours;
-    for (pair, sums) in [(first, [cc, cb]), (second, [bb, ss])] {
-        let halves = [_mm256_castsi256_si128(pair), _mm256_extracti128_si256::<1>(pair)];
-        for (half, sums) in halves.into_iter().zip(sums) {
-            if let Some(four) = sums[GROUP / 4 * group..].first_chunk_mut::<4>() {
-                // SAFETY: 16 bytes are written of 16.
-                unsafe { _mm_storeu_si128(four.as_mut_ptr().cast(), half) };
-            }
+    let pairs = [both(cc, cb), both(bb, ss), both(b1, zero)];
+    let halves = pairs.into_iter().flat_map(|p| [_mm256_castsi256_si128(p), _mm256_extracti128_si256::<1>(p)]);
+    for (half, sums) in halves.zip(fours) {
+        if let Some(four) = sums[GROUP / 4 * group..].first_chunk_mut::<4>() {
+            // SAFETY: 16 bytes are written of 16.
+            unsafe { _mm_storeu_si128(four.as_mut_ptr().cast(), half) };
         }
     }
 }
@@ -132,7 +132,8 @@ fn sum_half_avx512(
         return;
     }
     let zero = _mm512_setzero_si512();
-    let (mut cc, mut cb, mut bb, mut ss) = (zero, zero, zero, zero);
+    let one = _mm512_set1_epi16(1);
+    let (mut cc, mut cb, mut bb, mut ss, mut b1) = (zero, zero, zero, zero, zero);
     for (row, &bits) in marks.iter().enumerate() {
         let marked = (bits >> (HALF * half)) as u32;
         let at = row * width + HALF * half;
@@ -152,8 +153,9 @@ fn sum_half_avx512(
         cb = _mm512_add_epi32(cb, _mm512_madd_epi16(c, b));
         bb = _mm512_add_epi32(bb, _mm512_madd_epi16(b, b));
         ss = _mm512_add_epi32(ss, _mm512_madd_epi16(s, s));
+        b1 = _mm512_add_epi32(b1, _mm512_madd_epi16(b, one));
     }
-    for (pairs, sums) in [cc, cb, bb, ss].into_iter().zip(fours) {
+    for (pairs, sums) in [cc, cb, bb, ss, b1].into_iter().zip(fours) {
         let four = _mm512_add_epi32(pairs, _mm512_srli_epi64::<32>(pairs));
         if let Some(eight) = sums[HALF / 4 * half..].first_chunk_mut::<8>() {
             // SAFETY: 32 bytes are written of 32.
