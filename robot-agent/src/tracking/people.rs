@@ -42,7 +42,7 @@ const ROBOT_SIDE_RAD: f64 = 0.02;
 /// differs more (a logarithm); so much of what speaks for him there may be missing without him where he was placed; and so alike he is.
 const OUT_M: f64 = 0.7;
 const OUT_LOG_RANGE: f64 = 0.7;
-const MOST_ELSEWHERE: f32 = 0.8;
+const MOST_ELSEWHERE: f32 = 1.3;
 const LEAST_ALIKE: f64 = -3.0;
 /// From where he was last seen apart he has not come further than this, metres, and metres a second since.
 const COME_M: [f64; 2] = [0.4, 1.6];
@@ -147,8 +147,24 @@ impl Tracker {
                 && figure.support >= NEW_SUPPORT
                 && (!others_see || figure.evidence >= TOLD_EVIDENCE);
             let reach = figures.columns_of(WANDERED_M, figure.range_m);
-            let member =
-                enough.then(|| self.member_at(figure, &look.sighting, &all[..told], &figures, capture)).flatten();
+            let members = if enough {
+                self.members_at(figure, &look.sighting, &all[..told], &figures, capture)
+            } else {
+                Vec::new()
+            };
+            if let Some([hidden, shown]) = self.exchanged_at(&look.sighting, &members, &all, &now) {
+                // The other one has gone on as somebody else, who comes out here.
+                let track = &mut self.tracks[hidden];
+                self.areas.retain(|(id, _)| *id != track.id);
+                self.areas.push((track.id, look.area));
+                track.comes_out(&look.sighting, capture, &self.raster);
+                looks::exchange(&mut self.tracks, hidden, shown);
+                for t in [hidden, shown] {
+                    self.tracks[t].turning_point = Some(capture);
+                }
+                continue;
+            }
+            let member = self.likely(&members);
             // Unless somebody who was lost there looks more like it.
             let lost = || self.lost.alike(&look.sighting, reach, capture, &self.raster);
             if let Some((t, _)) = member.filter(|(_, alike)| lost().is_none_or(|lost| lost < *alike)) {
@@ -234,16 +250,16 @@ impl Tracker {
         }
     }
 
-    /// Of those who were with others and for whom little speaks where they are, the one who may be seen here, and how alike he is, nats.
+    /// Those who were with others and for whom little speaks where they are, who may be seen here, and how alike they are, nats.
     /// `sought`: the figures of the tracks, and of others who were looked for.
-    fn member_at(
+    fn members_at(
         &self,
         found: &Figure,
         sighting: &Sighting,
         sought: &[Figure],
         figures: &Figures,
         now: Timestamp,
-    ) -> Option<(usize, f64)> {
+    ) -> Vec<(usize, f64)> {
         let reach = figures.columns_of(OUT_M, found.range_m);
         let may_be = |t: &usize| {
             let track = &self.tracks[*t];
@@ -259,9 +275,43 @@ impl Tracker {
         };
         let alike = |t: usize| Some((t, self.tracks[t].looks.firm()?.log_ratio(&sighting.appearance)));
         // Those who are born in this frame are not confirmed.
-        let members = (0..self.tracks.len().min(sought.len())).filter(may_be).filter_map(alike);
+        (0..self.tracks.len().min(sought.len())).filter(may_be).filter_map(alike).collect()
+    }
+
+    /// Who of them it is by his own looks.
+    fn likely(&self, members: &[(usize, f64)]) -> Option<(usize, f64)> {
         let least = |t: usize| if self.tracks[t].behind { BEHIND_ALIKE } else { LEAST_ALIKE };
-        members.filter(|(t, nats)| *nats > least(*t)).max_by(|a, b| a.1.total_cmp(&b.1))
+        let likely = members.iter().filter(|(t, nats)| *nats > least(*t));
+        likely.max_by(|a, b| a.1.total_cmp(&b.1)).copied()
+    }
+
+    /// Who of them was exchanged with whom: somebody seen beside them looks like him, and what is seen here like that one. `all`:
+    /// the frame's figures, `now`: what the tracks look like in it.
+    fn exchanged_at(
+        &self,
+        sighting: &Sighting,
+        members: &[(usize, f64)],
+        all: &[Figure],
+        now: &[Option<Appearance>],
+    ) -> Option<[usize; 2]> {
+        let mut best: Option<(f64, [usize; 2])> = None;
+        for &(hidden, _) in members {
+            let Some(known) = self.tracks[hidden].looks.firm() else { continue };
+            for shown in 0..now.len() {
+                let track = &self.tracks[shown];
+                let compared = shown != hidden
+                    && track.confirmed
+                    && track.looks.in_doubt()
+                    && all[shown].own >= COMPARED_OWN
+                    && self.raster.column_difference(track.filter.column, sighting.axis).abs() < 6.0 * sighting.trunk_width;
+                let (true, Some(now), Some(other)) = (compared, &now[shown], track.looks.firm()) else { continue };
+                let nats = looks::exchange_gain([now, &sighting.appearance], [other, known]);
+                if nats > looks::EXCHANGED && best.is_none_or(|(most, _)| nats > most) {
+                    best = Some((nats, [hidden, shown]));
+                }
+            }
+        }
+        best.map(|(_, pair)| pair)
     }
 
     /// Where fellow robots are.
