@@ -4,6 +4,10 @@
 //! camera's noise; clothes have a texture of their own, or are much darker, or brighter. A block is a shadow only among
 //! others, so a smooth patch of a coat stays.
 //!
+//! Where what is behind has a texture (shelves, posters), it shows through a shadow and not through a body: there a shadow may be
+//! as deep as it likes, and the rest is measured against what shows through, for within a block the light changes. Deep shadows
+//! on smooth walls cannot be told from dark clothes like this; the tracker judges them whole (`tracking/shade`).
+//!
 //! A shadow that stays becomes background, and leaves a place that is brighter than it when it goes: the same test with a
 //! ratio above one. Bright clothes on a smooth wall would pass it too, so it holds only where there was a shadow before (or,
 //! for a while, where the background is new and may have been learnt with one).
@@ -249,6 +253,45 @@ mod tests {
         };
         assert!(count(10..50) < 100, "{}", count(10..50));
         assert!(count(70..100) > 1400, "{}", count(70..100));
+    }
+
+    #[test]
+    fn a_deep_shadow_on_shelves_goes_and_dark_clothes_before_them_stay() {
+        let raster = Raster { width: 120, height: 60, wraps: true };
+        let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(9);
+        let mut noise = || (0..4).map(|_| f64::from(rng.next_u32() >> 24) / 256.0 - 0.5).sum::<f64>() * 2.6;
+        let shelves = |x: usize, y: usize| 110.0 + 60.0 * (x as f64 / 1.9).sin() * (y as f64 / 2.4).cos();
+        let background: Vec<u16> = (0..raster.len()).map(|i| (shelves(i % 120, i / 120) * 256.0) as u16).collect();
+        // Over the seam the shadow, with an edge that lets more and more light by; then plain and patterned clothes.
+        let shaded = |x: usize| (x + 10) % 120 < 40;
+        let dark = |x: usize| (50..75).contains(&x);
+        let patterned = |x: usize| (85..105).contains(&x);
+        let picture: Vec<u8> = (0..raster.len())
+            .map(|i| {
+                let (x, y) = (i % 120, i / 120);
+                let level = match x {
+                    _ if shaded(x) => (0.45 + 0.01 * (x + 10).rem_euclid(120) as f64) * shelves(x, y),
+                    _ if dark(x) => 50.0,
+                    _ if patterned(x) => 55.0 + 20.0 * (x as f64 / 1.3).cos() * (y as f64 / 1.7).sin(),
+                    _ => shelves(x, y),
+                };
+                (level + noise()).round() as u8
+            })
+            .collect();
+        let marks: Vec<u8> = (0..raster.len())
+            .map(|i| u8::from([shaded(i % 120), dark(i % 120), patterned(i % 120)].contains(&true)))
+            .collect();
+        let deviation = vec![(1.2 * 256.0) as u16; raster.len()];
+        let mut marks = Marks::of_bytes(&marks, raster);
+        Shadow::new(raster).remove(&picture, &background, &deviation, 1.0, &mut marks);
+        let share = |of: &dyn Fn(usize) -> bool| {
+            let columns: Vec<usize> = (0..120).filter(|x| of(*x)).collect();
+            let left: usize = columns.iter().map(|x| (0..60).map(|y| marks.count(y, *x, 1)).sum::<usize>()).sum();
+            left as f64 / (60 * columns.len()) as f64
+        };
+        assert!(share(&shaded) < 0.1, "{:.2} of the shadow are left", share(&shaded));
+        assert!(share(&dark) > 0.95, "{:.2} of a plain coat are left", share(&dark));
+        assert!(share(&patterned) > 0.95, "{:.2} of a patterned coat are left", share(&patterned));
     }
 
     #[test]

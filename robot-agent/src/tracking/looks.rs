@@ -30,7 +30,7 @@ const FOLLOW_AFOOT: f64 = 0.05;
 /// What must speak for somebody who stands being whom he was as he walked, nats.
 const AS_AFOOT: f64 = 0.5;
 /// Gain of an exchange that is believed, nats.
-pub(super) const EXCHANGED: f64 = 1.0;
+const EXCHANGED: f64 = 1.0;
 /// How much each of two who were exchanged looks like the other at least, nats.
 const LEAST_LIKE_OTHER: f64 = -1.0;
 /// Somebody so unlike himself before is somebody else, nats.

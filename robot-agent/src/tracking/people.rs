@@ -39,7 +39,8 @@ const ROBOT_TOP_RAD: f64 = 0.04;
 const ROBOT_SIDE_RAD: f64 = 0.02;
 
 /// Somebody who was with others comes out no further from where he was placed than this, metres, nor at a distance that
-/// differs more (a logarithm); so much of what speaks for him there may be missing without him where he was placed; and so alike he is.
+/// differs more (a logarithm); and so alike he is. Without him where he was placed so much may be missing, as a part of what speaks for
+/// him there: in a crowd he is sooner badly placed than somebody new.
 const OUT_M: f64 = 0.7;
 const OUT_LOG_RANGE: f64 = 0.7;
 const MOST_ELSEWHERE: f32 = 1.3;
@@ -147,24 +148,8 @@ impl Tracker {
                 && figure.support >= NEW_SUPPORT
                 && (!others_see || figure.evidence >= TOLD_EVIDENCE);
             let reach = figures.columns_of(WANDERED_M, figure.range_m);
-            let members = if enough {
-                self.members_at(figure, &look.sighting, &all[..told], &figures, capture)
-            } else {
-                Vec::new()
-            };
-            if let Some([hidden, shown]) = self.exchanged_at(&look.sighting, &members, &all, &now) {
-                // The other one has gone on as somebody else, who comes out here.
-                let track = &mut self.tracks[hidden];
-                self.areas.retain(|(id, _)| *id != track.id);
-                self.areas.push((track.id, look.area));
-                track.comes_out(&look.sighting, capture, &self.raster);
-                looks::exchange(&mut self.tracks, hidden, shown);
-                for t in [hidden, shown] {
-                    self.tracks[t].turning_point = Some(capture);
-                }
-                continue;
-            }
-            let member = self.likely(&members);
+            let member =
+                enough.then(|| self.member_at(figure, &look.sighting, &all[..told], &figures, capture)).flatten();
             // Unless somebody who was lost there looks more like it.
             let lost = || self.lost.alike(&look.sighting, reach, capture, &self.raster);
             if let Some((t, _)) = member.filter(|(_, alike)| lost().is_none_or(|lost| lost < *alike)) {
@@ -250,16 +235,16 @@ impl Tracker {
         }
     }
 
-    /// Those who were with others and for whom little speaks where they are, who may be seen here, and how alike they are, nats.
+    /// Of those who were with others and for whom little speaks where they are, the one who may be seen here, and how alike he is, nats.
     /// `sought`: the figures of the tracks, and of others who were looked for.
-    fn members_at(
+    fn member_at(
         &self,
         found: &Figure,
         sighting: &Sighting,
         sought: &[Figure],
         figures: &Figures,
         now: Timestamp,
-    ) -> Vec<(usize, f64)> {
+    ) -> Option<(usize, f64)> {
         let reach = figures.columns_of(OUT_M, found.range_m);
         let may_be = |t: &usize| {
             let track = &self.tracks[*t];
@@ -275,43 +260,9 @@ impl Tracker {
         };
         let alike = |t: usize| Some((t, self.tracks[t].looks.firm()?.log_ratio(&sighting.appearance)));
         // Those who are born in this frame are not confirmed.
-        (0..self.tracks.len().min(sought.len())).filter(may_be).filter_map(alike).collect()
-    }
-
-    /// Who of them it is by his own looks.
-    fn likely(&self, members: &[(usize, f64)]) -> Option<(usize, f64)> {
+        let members = (0..self.tracks.len().min(sought.len())).filter(may_be).filter_map(alike);
         let least = |t: usize| if self.tracks[t].behind { BEHIND_ALIKE } else { LEAST_ALIKE };
-        let likely = members.iter().filter(|(t, nats)| *nats > least(*t));
-        likely.max_by(|a, b| a.1.total_cmp(&b.1)).copied()
-    }
-
-    /// Who of them was exchanged with whom: somebody seen beside them looks like him, and what is seen here like that one. `all`:
-    /// the frame's figures, `now`: what the tracks look like in it.
-    fn exchanged_at(
-        &self,
-        sighting: &Sighting,
-        members: &[(usize, f64)],
-        all: &[Figure],
-        now: &[Option<Appearance>],
-    ) -> Option<[usize; 2]> {
-        let mut best: Option<(f64, [usize; 2])> = None;
-        for &(hidden, _) in members {
-            let Some(known) = self.tracks[hidden].looks.firm() else { continue };
-            for shown in 0..now.len() {
-                let track = &self.tracks[shown];
-                let compared = shown != hidden
-                    && track.confirmed
-                    && track.looks.in_doubt()
-                    && all[shown].own >= COMPARED_OWN
-                    && self.raster.column_difference(track.filter.column, sighting.axis).abs() < 6.0 * sighting.trunk_width;
-                let (true, Some(now), Some(other)) = (compared, &now[shown], track.looks.firm()) else { continue };
-                let nats = looks::exchange_gain([now, &sighting.appearance], [other, known]);
-                if nats > looks::EXCHANGED && best.is_none_or(|(most, _)| nats > most) {
-                    best = Some((nats, [hidden, shown]));
-                }
-            }
-        }
-        best.map(|(_, pair)| pair)
+        members.filter(|(t, nats)| *nats > least(*t)).max_by(|a, b| a.1.total_cmp(&b.1))
     }
 
     /// Where fellow robots are.
