@@ -199,13 +199,13 @@ fn judge(products: &[[u32; BLOCKS]; 5], counts: &[u8; BLOCKS], gain: f32) -> [u8
         let noise = nn * SIGMA * SIGMA / n;
         let darker = (ratio / gain >= RATIO[0]) & (ratio / gain < RATIO[1]);
         let brighter = (gain / ratio >= RATIO[0]) & (gain / ratio < RATIO[1]);
-        let textured = rest < MOST_REST * noise + 0.3;
+        let only_noise = rest < MOST_REST * noise + 0.3;
         let through = ratio * ratio * (bb - b1 * b1 / n).max(0.0) * UNIT / n;
         let shows_through = (through > LEAST_TEXTURE * (noise + 0.3)) & (rest < MOST_REST_OF_TEXTURE * through);
         let deep = (ratio / gain >= DEEP_RATIO[0]) & (ratio / gain < DEEP_RATIO[1]);
-        let kind = if textured & darker | shows_through & deep {
+        let kind = if only_noise & darker | shows_through & deep {
             SHADOW
-        } else if textured & brighter {
+        } else if only_noise & brighter {
             LIT
         } else {
             BODY
