@@ -24,6 +24,8 @@ pub use event::{Frame, Input, Output, PictureKind, Progress, Token};
 pub use settings::AgentSettings;
 
 use crate::optics::MountedCamera;
+use crate::panorama::UnwarpError;
+use crate::tracking::bodily::MarkedCell;
 use budget::Budget;
 use duties::Duties;
 use pipeline::Pipeline;
@@ -152,6 +154,24 @@ impl Agent {
     /// When [`Input::Deadline`] is wanted at the latest. Earlier or repeated calls do no harm.
     pub fn next_deadline(&self) -> Timestamp {
         self.duties.next()
+    }
+
+    /// What of the last frame was marked, for learning to tell bodies from shadows (`sim-harness shadows`).
+    pub fn marked_cells(&self) -> Vec<MarkedCell> {
+        self.pipeline.marked_cells()
+    }
+
+    /// Columns of its panorama.
+    pub fn panorama_width(&self) -> usize {
+        self.pipeline.panorama_width()
+    }
+
+    /// Another picture of the camera's size as its panorama.
+    ///
+    /// # Errors
+    /// A picture of another size.
+    pub fn unwarped(&self, gray: &[u8]) -> Result<Vec<u8>, UnwarpError> {
+        self.pipeline.unwarped(gray)
     }
 
     /// Takes a frame to work on in steps; `false` if it cannot be used (counted, and said in a notice) or is not wanted.

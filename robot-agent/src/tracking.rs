@@ -40,6 +40,7 @@ pub use class::PeerBearing;
 pub use expected::Expected;
 pub use extent::Extent;
 use extent::Known;
+pub use figures::bodily;
 pub use filter::AxisFilter;
 pub use histogram::{BINS, Histogram, bhattacharyya};
 pub use range::{Range, from_ground_contact};
@@ -64,7 +65,7 @@ pub struct TrackerSettings {
     pub hidden_s: f64,
     /// The same of one that others cover, seconds: as long as they do it cannot be seen.
     pub behind_s: f64,
-    /// A hidden track is published for so long, seconds.
+    /// A hidden track is published for so long, seconds; one that others cover as long as it is kept.
     pub publish_hidden_s: f64,
     /// A track that has stopped is kept as an object for so long, seconds; then it belongs to the scene.
     pub hold_s: f64,
@@ -315,6 +316,11 @@ impl Tracker {
         std::mem::take(&mut self.events)
     }
 
+    /// The cells of the last frame in which something was marked, where people are followed by their figures.
+    pub fn marked_cells(&self) -> Vec<bodily::MarkedCell> {
+        self.figures.iter().flat_map(Figures::marked_cells).collect()
+    }
+
     /// The angles of the picture.
     pub fn view(&self) -> &View {
         &self.view
@@ -328,7 +334,10 @@ impl Tracker {
             .tracks
             .iter()
             .filter(|t| t.confirmed)
-            .filter(|t| t.state != TrackState::Hidden || now.seconds_since(t.seen) <= self.settings.publish_hidden_s)
+            .filter(|t| {
+                let is_recent = now.seconds_since(t.seen) <= self.settings.publish_hidden_s;
+                t.state != TrackState::Hidden || t.behind || is_recent
+            })
             .filter_map(|t| self.view_of(t))
             .collect();
         views.sort_by(|a, b| b.confidence.total_cmp(&a.confidence).then(a.id.cmp(&b.id)));

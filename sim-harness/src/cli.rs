@@ -16,6 +16,7 @@ pub mod run;
 pub mod scale;
 pub mod score;
 pub mod seeds;
+pub mod shadows;
 pub mod table;
 mod told;
 pub mod zoo;

@@ -1,5 +1,6 @@
 #![doc = include_str!("../README.md")]
 
+mod adam;
 pub mod bandwidth;
 pub mod baseline;
 pub mod bench;
@@ -17,6 +18,7 @@ pub mod replay;
 pub mod scale;
 pub mod scenario;
 pub mod score;
+pub mod shadows;
 pub mod team;
 pub mod world;
 pub mod zoo;

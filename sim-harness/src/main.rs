@@ -5,7 +5,7 @@ use std::process::ExitCode;
 use clap::{Parser, Subcommand};
 use sim_harness::cli::{
     bandwidth, baseline, bench, chaos, demo, efficiency, guidance, motion, peers, record, replay, run, scale, score,
-    zoo,
+    shadows, zoo,
 };
 
 /// As the agent's, which it measures.
@@ -53,6 +53,8 @@ enum Command {
     Bench(bench::BenchArgs),
     /// One robot's eye on rendered scenes with truth: meetings, the seam, light, turns, ranges
     Motion(motion::MotionArgs),
+    /// Weights with which agents tell bodies from shadows, learnt from rendered rooms
+    Shadows(shadows::ShadowsArgs),
     /// Faults on purpose: what is lost, and how long until the map is right again
     Chaos(chaos::ChaosArgs),
     /// The same room through every camera, with its panorama
@@ -84,6 +86,7 @@ fn main() -> ExitCode {
         Some(Command::Scale(args)) => scale::run(&args),
         Some(Command::Bench(args)) => bench::run(&args),
         Some(Command::Motion(args)) => motion::run(&args),
+        Some(Command::Shadows(args)) => shadows::run(&args),
         Some(Command::Chaos(args)) => chaos::run(&args),
         Some(Command::Zoo(args)) => zoo::run(&args),
     })

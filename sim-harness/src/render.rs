@@ -218,14 +218,15 @@ impl Renderer {
         let visible_fraction = self.shares(&self.world.at(time_s), &counted);
         let [width, height] = self.size();
         let wide = self.sensor.develop(&self.canvas.light, self.rays.width, self.gain, time_s);
-        let gray = match self.pad {
-            0 => wide,
-            pad => {
-                let rows = wide.chunks_exact(self.rays.width).skip(pad).take(height);
-                rows.flat_map(|row| &row[pad..pad + width]).copied().collect()
-            }
-        };
+        let gray = if self.pad == 0 { wide } else { self.inner(&wide) };
         Picture { width: width as u32, height: height as u32, gray, visible_fraction }
+    }
+
+    /// A picture without what is drawn beyond its borders.
+    fn inner(&self, wide: &[u8]) -> Vec<u8> {
+        let [width, height] = self.size();
+        let rows = wide.chunks_exact(self.rays.width).skip(self.pad).take(height);
+        rows.flat_map(|row| &row[self.pad..self.pad + width]).copied().collect()
     }
 
     /// Lets the light of an instant fall on every pixel; of each person the pixels seen and those it would cover alone.

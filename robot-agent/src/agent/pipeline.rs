@@ -16,11 +16,11 @@ use super::witness::Witnesses;
 use super::{AgentError, AgentSettings, Frame, PictureKind, Progress};
 use crate::motion::{BackgroundState, MotionStage, Raster};
 use crate::optics::MountedCamera;
-use crate::panorama::{Lut, PanoramaGeometry, Watch};
+use crate::panorama::{Lut, PanoramaGeometry, UnwarpError, Watch};
 use crate::peers::{Grid, Peer, PeerDetector};
 use crate::picture::{self, Gallery};
 use crate::structure::{self, upright_edges};
-use crate::tracking::{Expected, PeerBearing, Tracker, View};
+use crate::tracking::{Expected, PeerBearing, Tracker, View, bodily};
 
 /// JPEG quality of pictures for people.
 const JPEG_QUALITY: u8 = 85;
@@ -298,6 +298,23 @@ impl Pipeline {
             PictureKind::Tracks => picture::encode_png(&gallery.tracks(&self.motion)),
         };
         encoded.map_err(|error| error.to_string())
+    }
+
+    /// What of the last frame was marked (see [`bodily`]), for learning to tell bodies from shadows.
+    pub fn marked_cells(&self) -> Vec<bodily::MarkedCell> {
+        self.tracker.marked_cells()
+    }
+
+    /// Columns of the panorama.
+    pub fn panorama_width(&self) -> usize {
+        self.motion.raster().width
+    }
+
+    /// Another picture of the camera's size as its panorama.
+    pub fn unwarped(&self, gray: &[u8]) -> Result<Vec<u8>, UnwarpError> {
+        let mut panorama = vec![0; self.motion.raster().len()];
+        self.lut.unwarp(gray, &mut panorama)?;
+        Ok(panorama)
     }
 
     /// Background and tracks begin anew.

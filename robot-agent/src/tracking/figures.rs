@@ -14,6 +14,7 @@
 //! Shadows, robots and chairs explain nothing as a person and are left. What a person covers is learnt while nobody is near
 //! (see [`Shape`]), so that the next one who comes beside stands out, and clothes like the wall are not missed.
 
+pub mod bodily;
 mod grey;
 mod silhouette;
 
@@ -21,6 +22,7 @@ pub(super) use silhouette::Shape;
 
 use std::sync::Arc;
 
+use bodily::MarkedCell;
 use silhouette::{CELL, LEVELS, Silhouette, Silhouettes};
 
 use protocol::appearance::Appearance;
@@ -71,6 +73,8 @@ const LEAST_GAIN: f32 = 0.3;
 const LEAST_TOTAL: f32 = 30.0;
 /// … and not be a part of something broader: marked share beside it against that inside.
 const MOST_BESIDE: f32 = 0.75;
+/// Cells that are less likely somebody's body are nobody's.
+const LEAST_BODY: f32 = 0.5;
 /// Most new bodies of a frame.
 const MOST_NEW: usize = 8;
 /// Cover from which a cell may be owned, and from which the nearest body owns it.
@@ -159,13 +163,16 @@ pub(super) struct Figures {
     rows: usize,
     /// Cells repeated at both ends of a row, so that no sum has to wrap.
     pad: usize,
-    /// Share of a cell's pixels that are marked, and weight of the cell (0: not tested).
+    /// Share of a cell's pixels that are marked, as far as that is a body, and weight of the cell (0: not tested).
     marked: Vec<f32>,
     weight: Vec<f32>,
     /// Logarithm of the mean grey level of the marked pixels of each cell.
     log_grey: Vec<f32>,
     /// Share marked in the upper quarter of each column of cells.
     upper: Vec<f32>,
+    cells: bodily::Cells,
+    /// Probability that what is marked in a cell is somebody's body.
+    body: Vec<f32>,
     column_rad: f64,
 }
 
@@ -200,6 +207,8 @@ impl Figures {
             weight,
             log_grey,
             upper: vec![0.0; columns],
+            cells: bodily::Cells::new(columns, rows),
+            body: vec![1.0; columns * rows],
             column_rad,
         })
     }
@@ -213,6 +222,10 @@ impl Figures {
     pub(super) fn look(&mut self, scene: &Scene<'_>, skip: &[Robot]) {
         let (w, h) = (self.raster.width, self.raster.height);
         let stride = self.stride();
+        let judged = scene.background.len() == scene.picture.len();
+        if judged {
+            self.cells.look(scene);
+        }
         for row in 0..self.rows {
             let lines = row * CELL[1]..((row + 1) * CELL[1]).min(h);
             for cell in 0..self.columns {
@@ -230,7 +243,9 @@ impl Figures {
                     lines.end > *first_row && self.raster.column_difference(middle, *column).abs() < *half
                 });
                 let i = row * stride + self.pad + cell;
-                self.marked[i] = marks as f32 / tested.max(1) as f32;
+                let body = if judged { self.cells.body(row, cell) } else { 1.0 };
+                self.body[row * self.columns + cell] = body;
+                self.marked[i] = body * marks as f32 / tested.max(1) as f32;
                 self.log_grey[i] = if marks > 0 { (grey as f32 / marks as f32).max(1.0).ln() } else { 0.0 };
                 self.weight[i] = if known { 0.0 } else { tested as f32 / (CELL[0] * CELL[1]) as f32 };
             }
@@ -243,6 +258,11 @@ impl Figures {
         for values in [&mut self.marked, &mut self.weight, &mut self.log_grey] {
             repeat_ends(values, self.columns, self.pad);
         }
+    }
+
+    /// The cells of the last frame in which something was marked.
+    pub(super) fn marked_cells(&self) -> impl Iterator<Item = MarkedCell> {
+        self.cells.marked()
     }
 
     /// Where the known bodies are, together.
@@ -339,7 +359,8 @@ impl Figures {
             let mask = &scene.mask[y * self.raster.width..][..self.raster.width];
             let mut open: Option<(usize, usize)> = None; // figure, first column
             for x in 0..=self.raster.width {
-                let here = (x < self.raster.width && mask[x] != 0)
+                let bodily = |x: usize| self.body[y / CELL[1] * self.columns + x / CELL[0]] > LEAST_BODY;
+                let here = (x < self.raster.width && mask[x] != 0 && bodily(x))
                     .then(|| owners[x / CELL[0]])
                     .filter(|o| *o != NOBODY)
                     .map(usize::from);

@@ -1,10 +1,12 @@
 //! Learns the weights of the network that the detector's verdict asks (`robot_agent::peers::net`): stochastic gradient descent on the
-//! cross entropy (Adam, Kingma and Ba 2015), mirror images and left-out cells of the last map (dropout) for more examples than there are.
+//! cross entropy, mirror images and left-out cells of the last map (dropout) for more examples than there are.
 
 use rand::seq::SliceRandom;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha12Rng;
 use robot_agent::peers::net::{CHANNELS, DENSE, OF_PICTURE, Pass, SIDE, mirrored, scaled, shown, sizes, split, taps};
+
+use crate::adam::{Adam, cosine};
 
 /// A labelled picture: cells, numbers, and whether it is a robot.
 pub struct Shown {
@@ -21,9 +23,6 @@ const MOST_EPOCHS: usize = 60;
 const BATCH: usize = 128;
 /// Length of the first steps; they grow shorter as a cosine does.
 const RATE: f32 = 2e-3;
-/// Adam's forgetting and floor.
-const BETAS: [f32; 2] = [0.9, 0.999];
-const FLOOR: f32 = 1e-8;
 /// Share of the last map that is kept.
 const KEPT: f32 = 0.7;
 /// Weights are drawn towards 0 by this.
@@ -46,7 +45,7 @@ pub fn learn(examples: &[&Shown]) -> Vec<f32> {
     let mut rng = ChaCha12Rng::seed_from_u64(SEED);
     let mut weights = begun(examples, traits, &mut rng);
     let learnt_from: usize = sizes(traits)[..FIRST_LEARNT].iter().sum();
-    let [mut first, mut second] = [(); 2].map(|()| vec![0.0f32; weights.len()]);
+    let mut adam = Adam::new(weights.len() - learnt_from);
     let mut order: Vec<usize> = (0..examples.len()).collect();
     let batches = examples.len().div_ceil(BATCH);
     let epochs = LEAST_STEPS.div_ceil(batches).clamp(EPOCHS, MOST_EPOCHS);
@@ -67,13 +66,8 @@ pub fn learn(examples: &[&Shown]) -> Vec<f32> {
             gradient.iter_mut().for_each(|g| *g *= per_example);
             add_ridge(&weights, traits, &mut gradient);
             step += 1;
-            let rate = 0.5 * RATE * (1.0 + (std::f32::consts::PI * step as f32 / steps as f32).cos());
-            let unbiased = BETAS.map(|beta| 1.0 - beta.powi(step));
-            for n in learnt_from..weights.len() {
-                first[n] = BETAS[0] * first[n] + (1.0 - BETAS[0]) * gradient[n];
-                second[n] = BETAS[1] * second[n] + (1.0 - BETAS[1]) * gradient[n] * gradient[n];
-                weights[n] -= rate * (first[n] / unbiased[0]) / ((second[n] / unbiased[1]).sqrt() + FLOOR);
-            }
+            let rate = cosine(RATE, step, steps);
+            adam.descend(&mut weights[learnt_from..], &gradient[learnt_from..], rate);
         }
     }
     weights

@@ -1,4 +1,4 @@
-//! How much of each robot is seen, by the picture's own bookkeeping of what every pixel shows.
+//! How much of each robot is seen, and where people are, by the picture's own bookkeeping of what every pixel shows.
 
 use super::Renderer;
 use super::body_at;
@@ -21,6 +21,22 @@ impl Presence {
 }
 
 impl Renderer {
+    /// The pixels of a picture that show a person at a true time: 255 where one does, else 0.
+    pub fn people(&mut self, time_s: f64) -> Vec<u8> {
+        let state = self.world.at(time_s);
+        self.look_from(&state);
+        let movers = self.movers(&state);
+        self.draw(&movers);
+        let mut shown = vec![0; self.rays.width * self.rays.height];
+        for pixel in self.canvas.touched.iter().map(|p| *p as usize) {
+            if movers[usize::from(self.canvas.shown[pixel].0)].person_index().is_some() {
+                shown[pixel] = u8::MAX;
+            }
+        }
+        self.clear();
+        self.inner(&shown)
+    }
+
     /// Of every robot of the world at a true time; nothing for the observer itself and for robots that drive.
     pub fn presence(&mut self, time_s: f64) -> Vec<Presence> {
         let state = self.world.at(time_s);

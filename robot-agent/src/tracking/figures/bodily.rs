@@ -1,0 +1,287 @@
+//! How much of what is marked is somebody's body, and not only lighter or darker than it was.
+//!
+//! Problem: a lamp near somebody makes shadows on walls that leave half of the light or less. Pixel by pixel, and in small blocks, they
+//! look like a dark coat; a figure that takes them in stays with them when its owner walks on. Insight: over half a metre they do
+//! not. A shadow is one ratio to what is behind, changes slowly, and has no more texture than what is behind has; clothes, arms, faces
+//! and the gaps between them do. Algorithm: a network of one hidden layer looks at statistics of what is marked in two windows round each
+//! cell. It is learnt by `sim-harness shadows` from rendered rooms, in which every pixel's owner is known.
+
+use std::ops::Range;
+use std::sync::OnceLock;
+
+use super::CELL;
+use crate::motion::Scene;
+
+/// Half sizes of the windows, rows and columns of cells.
+const WINDOWS: [[usize; 2]; 2] = [[2, 2], [4, 3]];
+/// Cells that are repeated beyond both ends of a row.
+const PAD: usize = 3;
+/// What is measured of a window.
+const TRAITS: usize = 11;
+/// All that the network sees of a cell.
+pub const INPUTS: usize = 1 + WINDOWS.len() * TRAITS;
+/// Its hidden units.
+pub const HIDDEN: usize = 16;
+/// Its weights: of each unit those of the inputs and a bias, then those of the units and a bias.
+pub const WEIGHTS: usize = HIDDEN * (INPUTS + 1) + HIDDEN + 1;
+
+/// The weights as they were learnt, four bytes each, the least first.
+static LEARNT: &[u8] = include_bytes!("bodily.net");
+
+/// What speaks for a body before anything is seen of it, beyond how often marks are bodies in the rooms that were learnt from, nats.
+const DOUBT: f32 = 1.0;
+
+/// Darker than this counts as this, grey levels: ratios of what is nearly black say nothing.
+const LEAST_LEVEL: f32 = 2.0;
+/// Least variance of a background that tells whether it shows through, (grey levels)².
+const NOISE: f32 = 9.0;
+
+/// A cell in which something is marked.
+#[derive(Debug, Clone, PartialEq)]
+pub struct MarkedCell {
+    /// Columns of the panorama.
+    pub columns: Range<usize>,
+    /// Its rows.
+    pub rows: Range<usize>,
+    /// Share of its pixels that are marked.
+    pub marked: f32,
+    /// What the network sees of it.
+    pub inputs: [f32; INPUTS],
+}
+
+/// Of the marked pixels of a cell, times the share of it that is marked; summed over the cells of a window.
+#[derive(Debug, Clone, Copy, Default)]
+#[repr(C)]
+struct Sums([f32; 16]);
+
+// What is in [`Sums`]: the share itself, 1 for any cell that is tested, the logarithm of picture over background and its square, the rest
+// beside that ratio, the spreads of both, their means and the products of these, and 1 where it is brighter.
+const SHARE: usize = 0;
+const TESTED: usize = 1;
+const RATIO: usize = 2;
+
+/// The cells of a frame.
+#[derive(Debug)]
+pub(super) struct Cells {
+    columns: usize,
+    rows: usize,
+    sums: Vec<Sums>,
+}
+
+impl Cells {
+    pub(super) fn new(columns: usize, rows: usize) -> Self {
+        Self { columns, rows, sums: vec![Sums::default(); rows * (columns + 2 * PAD)] }
+    }
+
+    /// Takes a frame.
+    pub(super) fn look(&mut self, scene: &Scene<'_>) {
+        let stride = self.columns + 2 * PAD;
+        let columns = self.columns;
+        for (row, sums) in self.sums.chunks_exact_mut(stride).enumerate() {
+            for (cell, sums) in sums[PAD..PAD + columns].iter_mut().enumerate() {
+                *sums = sums_of(scene, row, cell);
+            }
+            sums.copy_within(columns..columns + PAD, 0);
+            sums.copy_within(PAD..2 * PAD, PAD + columns);
+        }
+    }
+
+    /// What the network sees of a cell; `None` where nothing is marked.
+    pub(super) fn inputs(&self, row: usize, cell: usize) -> Option<[f32; INPUTS]> {
+        let stride = self.columns + 2 * PAD;
+        let here = self.sums[row * stride + PAD + cell].0;
+        if here[SHARE] == 0.0 {
+            return None;
+        }
+        let [level, behind] = [here[7], here[8]].map(|sum| (sum / here[SHARE]).max(LEAST_LEVEL));
+        let mut inputs = [behind.ln(); INPUTS];
+        for ([up, aside], inputs) in WINDOWS.iter().zip(inputs[1..].chunks_exact_mut(TRAITS)) {
+            let mut window = Sums::default();
+            for y in row.saturating_sub(*up)..(row + up + 1).min(self.rows) {
+                let first = y * stride + PAD + cell - aside;
+                for sums in &self.sums[first..=first + 2 * aside] {
+                    window.0.iter_mut().zip(sums.0).for_each(|(sum, value)| *sum += value);
+                }
+            }
+            inputs.copy_from_slice(&traits(&window.0, level, behind));
+        }
+        Some(inputs)
+    }
+
+    /// Cells in which something is marked.
+    pub(super) fn marked(&self) -> impl Iterator<Item = MarkedCell> {
+        let cells = (0..self.rows).flat_map(|row| (0..self.columns).map(move |cell| (row, cell)));
+        cells.filter_map(|(row, cell)| {
+            let inputs = self.inputs(row, cell)?;
+            let marked = self.sums[row * (self.columns + 2 * PAD) + PAD + cell].0[SHARE];
+            let [x, y] = [cell * CELL[0], row * CELL[1]];
+            Some(MarkedCell { columns: x..x + CELL[0], rows: y..y + CELL[1], marked, inputs })
+        })
+    }
+
+    /// Probability that what is marked in a cell is a body; 1 where nothing is.
+    pub(super) fn body(&self, row: usize, cell: usize) -> f32 {
+        static NET: OnceLock<Vec<f32>> = OnceLock::new();
+        let net = NET.get_or_init(|| LEARNT.as_chunks().0.iter().map(|bytes| f32::from_le_bytes(*bytes)).collect());
+        self.inputs(row, cell).map_or(1.0, |inputs| probability(log_odds(net, &inputs) + DOUBT))
+    }
+}
+
+fn sums_of(scene: &Scene<'_>, row: usize, cell: usize) -> Sums {
+    let (w, h) = (scene.raster.width, scene.raster.height);
+    let (mut n, mut tested) = (0u32, 0u32);
+    // Of the picture and of the background in 8.8 fixed point.
+    let (mut p, mut b, mut pp, mut pb, mut bb) = (0u32, 0u32, 0u32, 0u32, 0u64);
+    for y in row * CELL[1]..((row + 1) * CELL[1]).min(h) {
+        for i in y * w + cell * CELL[0]..y * w + ((cell + 1) * CELL[0]).min(w) {
+            tested += u32::from(scene.valid[i]);
+            if scene.mask[i] != 0 {
+                let (now, behind) = (u32::from(scene.picture[i]), u32::from(scene.background[i]));
+                n += 1;
+                p += now;
+                b += behind;
+                pp += now * now;
+                pb += now * behind;
+                bb += u64::from(behind * behind);
+            }
+        }
+    }
+    let mut sums = [0.0; 16];
+    sums[TESTED] = f32::from(u8::from(tested > 0));
+    if n == 0 {
+        return Sums(sums);
+    }
+    let mean = |sum: f64| (sum / f64::from(n)) as f32;
+    let (pp, pb, bb) = (mean(f64::from(pp)), mean(f64::from(pb) / 256.0), mean(bb as f64 / 65536.0));
+    let (p, b) = (mean(f64::from(p)), mean(f64::from(b) / 256.0));
+    let rest = (pp - pb / bb.max(1e-3) * pb).max(0.0).sqrt();
+    let [spread, spread_behind] = [pp - p * p, bb - b * b].map(|var| var.max(0.0).sqrt());
+    let ratio = (p.max(LEAST_LEVEL) / b.max(LEAST_LEVEL)).ln();
+    let brighter = f32::from(u8::from(ratio > 0.0));
+    let share = n as f32 / tested.max(1) as f32;
+    let values = [ratio, ratio * ratio, rest, spread, spread_behind, p, b, p * p, p * b, b * b, brighter];
+    sums[SHARE] = share;
+    sums[RATIO..].iter_mut().zip(values).for_each(|(sum, value)| *sum = share * value);
+    Sums(sums)
+}
+
+/// Of a window, for a cell of some grey level before one of another.
+fn traits(sums: &[f32; 16], level: f32, behind: f32) -> [f32; TRAITS] {
+    let share = sums[SHARE].max(1e-6);
+    let mut means = [0.0; TRAITS];
+    means.iter_mut().zip(&sums[RATIO..]).for_each(|(mean, sum)| *mean = sum / share);
+    let [ratio, ratios, rest, spread, spread_behind, p, b, pp, pb, bb, brighter] = means;
+    let [var, var_behind] = [pp - p * p, bb - b * b].map(|var| var.max(0.0));
+    let together = pb - p * b;
+    let unexplained = (var - together * together / (var_behind + 1e-3)).max(0.0).sqrt();
+    let part = |spread: f32, of: f32| ((spread + 1.0) / of).ln();
+    [
+        ratio,
+        ((ratios - ratio * ratio).max(0.0).sqrt() + 0.01).ln(),
+        part(rest, level),
+        part(spread, level),
+        part(spread_behind, behind),
+        share / sums[TESTED].max(1.0),
+        (together / (var_behind + NOISE)).clamp(-3.0, 3.0),
+        part(var_behind.sqrt(), behind),
+        part(var.sqrt(), level),
+        part(unexplained, level),
+        brighter,
+    ]
+}
+
+/// What a network of [`WEIGHTS`] makes of a cell: log-odds of its being a body.
+pub fn log_odds(net: &[f32], inputs: &[f32; INPUTS]) -> f32 {
+    let (units, last) = net.split_at(HIDDEN * (INPUTS + 1));
+    let mut sum = last[HIDDEN];
+    for (unit, weight) in units.chunks_exact(INPUTS + 1).zip(last) {
+        sum += weight * active(unit, inputs).max(0.0);
+    }
+    sum
+}
+
+/// What goes into a hidden unit.
+pub fn active(unit: &[f32], inputs: &[f32; INPUTS]) -> f32 {
+    unit[INPUTS] + unit.iter().zip(inputs).map(|(w, x)| w * x).sum::<f32>()
+}
+
+/// Of log-odds.
+pub fn probability(log_odds: f32) -> f32 {
+    1.0 / (1.0 + (-log_odds).exp())
+}
+
+#[cfg(test)]
+mod tests {
+    use rand::{Rng, SeedableRng};
+
+    use super::*;
+    use crate::motion::Raster;
+
+    const RING: Raster = Raster { width: 360, height: 160, wraps: true };
+    /// Middle of the figure and half of its breadth, columns; its first row.
+    const FIGURE: [usize; 3] = [180, 24, 40];
+
+    /// Mean of what is said of the marked cells of an upright figure before a wall; `now` gives a level from the wall's, column and row.
+    fn bodily(now: impl Fn(f64, usize, usize) -> f64) -> f32 {
+        let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(3);
+        let mut noise = || (0..4).map(|_| f64::from(rng.next_u32() >> 24) / 256.0 - 0.5).sum::<f64>() * 3.4;
+        let wall = |x: usize, y: usize| 120.0 + 0.1 * x as f64 + 0.15 * y as f64;
+        let at = |i: usize| (i % RING.width, i / RING.width);
+        let inside = |x: usize, y: usize| x.abs_diff(FIGURE[0]) <= FIGURE[1] && y >= FIGURE[2];
+        let mut picture = vec![0; RING.len()];
+        for (i, pixel) in picture.iter_mut().enumerate() {
+            let (x, y) = at(i);
+            let level = if inside(x, y) { now(wall(x, y), x, y) } else { wall(x, y) };
+            *pixel = (level + noise()).round().clamp(0.0, 255.0) as u8;
+        }
+        let background: Vec<u16> = (0..RING.len()).map(|i| (256.0 * wall(at(i).0, at(i).1)) as u16).collect();
+        let mask: Vec<u8> = (0..RING.len()).map(|i| u8::from(inside(at(i).0, at(i).1))).collect();
+        let valid = vec![1; RING.len()];
+        let scene = Scene {
+            raster: &RING,
+            picture: &picture,
+            background: &background,
+            mask: &mask,
+            magnitude: &mask,
+            valid: &valid,
+            objects: &[],
+        };
+        let (columns, rows) = (RING.width / CELL[0], RING.height / CELL[1]);
+        let mut cells = Cells::new(columns, rows);
+        cells.look(&scene);
+        let marked = (0..rows * columns).map(|i| (i / columns, i % columns));
+        let said: Vec<f32> =
+            marked.filter(|(y, x)| cells.inputs(*y, *x).is_some()).map(|(y, x)| cells.body(y, x)).collect();
+        said.iter().sum::<f32>() / said.len() as f32
+    }
+
+    #[test]
+    fn a_lamps_shadow_on_a_smooth_wall_is_no_body_however_deep() {
+        for depth in [0.45, 0.6, 0.75] {
+            let soft = |x: usize| ((FIGURE[1] - x.abs_diff(FIGURE[0])) as f64 / 6.0).min(1.0);
+            let said = bodily(|wall, x, _| wall * (1.0 - (1.0 - depth) * soft(x)));
+            assert!(said < 0.3, "{said:.2} at {depth}");
+        }
+    }
+
+    #[test]
+    fn clothes_are_a_body_also_where_they_are_as_dark_as_a_shadow() {
+        let folds = |x: usize, y: usize| (x as f64 / 4.0 + y as f64 / 9.0).sin() + (y as f64 / 5.0).cos();
+        // Hair, a shirt, trousers, with an arm's edge between.
+        let clothes = |shirt: f64, trousers: f64, fold: f64| {
+            move |_: f64, x: usize, y: usize| {
+                let level = match y {
+                    ..60 => 45.0,
+                    ..110 => shirt,
+                    _ => trousers,
+                };
+                let arm = if x.abs_diff(FIGURE[0]) > 15 && y > 65 { 0.85 } else { 1.0 };
+                level * arm * (1.0 + fold * folds(x, y))
+            }
+        };
+        for (shirt, trousers) in [(90.0, 60.0), (170.0, 80.0), (70.0, 70.0)] {
+            let said = bodily(clothes(shirt, trousers, 0.12));
+            assert!(said > 0.8, "{said:.2} of {shirt} over {trousers}");
+        }
+    }
+}
