@@ -65,12 +65,15 @@ pub struct TrackerSettings {
     pub hidden_s: f64,
     /// The same of one that others cover, seconds: as long as they do it cannot be seen.
     pub behind_s: f64,
-    /// A hidden track is published for so long, seconds; one that others cover as long as it is kept.
+    /// A hidden track is published for so long, seconds.
     pub publish_hidden_s: f64,
     /// A track that has stopped is kept as an object for so long, seconds; then it belongs to the scene.
     pub hold_s: f64,
     /// A track in a group in which nothing speaks for it (it may be behind somebody) is kept for so long, seconds.
     pub unsupported_s: f64,
+    /// Whether marks count as far as they are somebody's body (see [`bodily`]). On trial: shadows are followed less, but whoever looks like one
+    /// is, too.
+    pub weighs_bodies: bool,
 }
 
 impl Default for TrackerSettings {
@@ -83,6 +86,7 @@ impl Default for TrackerSettings {
             publish_hidden_s: 1.0,
             hold_s: 60.0,
             unsupported_s: 3.0,
+            weighs_bodies: false,
         }
     }
 }
@@ -334,10 +338,7 @@ impl Tracker {
             .tracks
             .iter()
             .filter(|t| t.confirmed)
-            .filter(|t| {
-                let is_recent = now.seconds_since(t.seen) <= self.settings.publish_hidden_s;
-                t.state != TrackState::Hidden || t.behind || is_recent
-            })
+            .filter(|t| t.state != TrackState::Hidden || now.seconds_since(t.seen) <= self.settings.publish_hidden_s)
             .filter_map(|t| self.view_of(t))
             .collect();
         views.sort_by(|a, b| b.confidence.total_cmp(&a.confidence).then(a.id.cmp(&b.id)));

@@ -32,6 +32,8 @@ const EVERY: usize = 5;
 const COARSE: u64 = 3;
 /// Of cells that are bodies, of which there are many more than others, this share teaches, and counts for as many more.
 const SHARE_OF_BODIES: f64 = 0.2;
+/// Steps of learning, however many examples there are: each is seen about ten times.
+const STEPS: usize = 40_000;
 /// Judged are rooms that were not learnt from: every so manieth.
 const FOLDS: u64 = 5;
 
@@ -81,6 +83,7 @@ pub fn gather(mut scenario: Scenario, seed: u64) -> Result<Room, TrialError> {
             .map_err(|e| TrialError::Camera(e.to_string()))?;
         let mut settings = AgentSettings::new(robot.id, scenario.marker_of(&robot.id));
         settings.frame_rate_hz = scenario.capture.rate_hz;
+        settings.tracking.weighs_bodies = true;
         let mut agent = Agent::new(settings, camera, 1)?;
         let mut out = Vec::new();
         for (n, capture) in robot.captures.iter().enumerate().filter(|(_, c)| c.true_time_s < MOST_S) {
@@ -129,8 +132,8 @@ pub fn learn(rooms: &[Room]) -> (Vec<f32>, String) {
     let all: Vec<&Example> = rooms.iter().flat_map(|room| &room.examples).collect();
     let unseen: Vec<&Example> = rooms.iter().filter(is_held_out).flat_map(|room| &room.examples).collect();
     let seen: Vec<&Example> = rooms.iter().filter(|room| !is_held_out(room)).flat_map(|r| &r.examples).collect();
-    let text = judge(&learn::learn(&seen), &unseen);
-    (learn::learn(&all), text)
+    let text = judge(&learn::learn(&seen, STEPS), &unseen);
+    (learn::learn(&all, STEPS), text)
 }
 
 fn judge(net: &[f32], unseen: &[&Example]) -> String {

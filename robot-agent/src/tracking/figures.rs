@@ -171,7 +171,7 @@ pub(super) struct Figures {
     /// Share marked in the upper quarter of each column of cells.
     upper: Vec<f32>,
     cells: bodily::Cells,
-    /// Probability that what is marked in a cell is somebody's body.
+    /// How much what is marked in a cell counts as somebody's body.
     body: Vec<f32>,
     column_rad: f64,
 }
@@ -218,11 +218,12 @@ impl Figures {
         (length_m / range_m).atan() / self.column_rad
     }
 
-    /// Takes the marks of a frame. `skip`: columns and first row of what is known to be something else (fellow robots).
-    pub(super) fn look(&mut self, scene: &Scene<'_>, skip: &[Robot]) {
+    /// Takes the marks of a frame. `skip`: columns and first row of what is known to be something else (fellow robots). Whether marks
+    /// are `weighed` by how far they are somebody's body.
+    pub(super) fn look(&mut self, scene: &Scene<'_>, skip: &[Robot], weighed: bool) {
         let (w, h) = (self.raster.width, self.raster.height);
         let stride = self.stride();
-        let judged = scene.background.len() == scene.picture.len();
+        let judged = weighed && scene.background.len() == scene.picture.len();
         if judged {
             self.cells.look(scene);
         }
@@ -359,11 +360,12 @@ impl Figures {
             let mask = &scene.mask[y * self.raster.width..][..self.raster.width];
             let mut open: Option<(usize, usize)> = None; // figure, first column
             for x in 0..=self.raster.width {
-                let bodily = |x: usize| self.body[y / CELL[1] * self.columns + x / CELL[0]] > LEAST_BODY;
-                let here = (x < self.raster.width && mask[x] != 0 && bodily(x))
+                let body = |x: usize| self.body[y / CELL[1] * self.columns + x / CELL[0]];
+                let here = (x < self.raster.width && mask[x] != 0)
                     .then(|| owners[x / CELL[0]])
                     .filter(|o| *o != NOBODY)
-                    .map(usize::from);
+                    .map(usize::from)
+                    .filter(|_| body(x) > LEAST_BODY);
                 if let Some((figure, start)) = open
                     && here != Some(figure)
                 {

@@ -13,7 +13,7 @@ use crate::{parallel, shadows};
 #[derive(Debug, Clone, Args)]
 pub struct ShadowsArgs {
     /// Seeds of the rooms, as 0..19 or 1,3,7
-    #[arg(long, value_name = "SEEDS", default_value = "700000..700011", value_parser = parse)]
+    #[arg(long, value_name = "SEEDS", default_value = "700000..700009", value_parser = parse)]
     seeds: Seeds,
     /// Threads
     #[arg(long, default_value_t = 2, value_parser = clap::value_parser!(u32).range(1..=64))]

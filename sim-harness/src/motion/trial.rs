@@ -111,6 +111,7 @@ pub fn run_scenario(case: Case, seed: u64, scenario: Scenario, pictures: Option<
         .map_err(|e| TrialError::Camera(e.to_string()))?;
     let mut settings = AgentSettings::new(robot.id, scenario.marker_of(&robot.id));
     settings.frame_rate_hz = scenario.capture.rate_hz;
+    settings.tracking.weighs_bodies = scenario.robots.weighs_bodies;
     let mut agent = Agent::new(settings, camera, 1)?;
     let mut renderer = Renderer::team(&world).remove(0);
     if let Some(folder) = pictures {

@@ -10,12 +10,11 @@ use crate::adam::{Adam, cosine};
 
 const SEED: u64 = 5;
 const BATCH: usize = 256;
-/// Steps, however many examples there are, and the length of the first.
-const STEPS: usize = 40_000;
+/// Length of the first steps.
 const RATE: f32 = 3e-3;
 
-/// The weights that explain the examples, for inputs as they are.
-pub fn learn(examples: &[&Example]) -> Vec<f32> {
+/// The weights that explain the examples, for inputs as they are, after so many steps.
+pub fn learn(examples: &[&Example], steps: usize) -> Vec<f32> {
     if examples.is_empty() {
         return vec![0.0; WEIGHTS];
     }
@@ -26,7 +25,7 @@ pub fn learn(examples: &[&Example]) -> Vec<f32> {
     let mut adam = Adam::new(WEIGHTS);
     let mut order: Vec<usize> = (0..examples.len()).collect();
     let mut next = order.len();
-    for step in 0..STEPS {
+    for step in 0..steps {
         let mut gradient = vec![0.0; WEIGHTS];
         let mut weight = 0.0;
         for _ in 0..BATCH {
@@ -41,7 +40,7 @@ pub fn learn(examples: &[&Example]) -> Vec<f32> {
             add_gradient(&net, &scaling.scaled(&example.inputs), body, example.weight, &mut gradient);
         }
         gradient.iter_mut().for_each(|g| *g /= weight);
-        adam.descend(&mut net, &gradient, cosine(RATE, step, STEPS));
+        adam.descend(&mut net, &gradient, cosine(RATE, step, steps));
     }
     scaling.folded_into(net)
 }
@@ -131,7 +130,7 @@ mod tests {
                 Example { inputs, is_body: (inputs[3] > 4.0) != (inputs[5] > 6.0), weight: 1.0 }
             })
             .collect();
-        let net = learn(&examples.iter().take(3000).collect::<Vec<_>>());
+        let net = learn(&examples.iter().take(3000).collect::<Vec<_>>(), 3000);
         let right = examples.iter().skip(3000).filter(|e| (log_odds(&net, &e.inputs) > 0.0) == e.is_body);
         assert!(right.count() > 900);
     }

@@ -106,7 +106,11 @@ impl Room {
 
     fn look_at_the_mask(&mut self) {
         let (raster, mask, valid, picture) = (&self.raster, &self.mask, &self.valid, &self.picture);
-        self.figures.look(&Scene { raster, picture, background: &[], mask, magnitude: mask, valid, objects: &[] }, &[]);
+        self.figures.look(
+            &Scene { raster, picture, background: &[], mask, magnitude: mask, valid, objects: &[] },
+            &[],
+            false,
+        );
     }
 
     fn scene(&self) -> Scene<'_> {
