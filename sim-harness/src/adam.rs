@@ -45,8 +45,8 @@ mod tests {
         let mut adam = Adam::new(2);
         for step in 0..2000 {
             let [x, y] = weights;
-            // Of (x − 1)² + 50 (y − x)².
-            let gradient = [2.0 * (x - 1.0) - 100.0 * (y - x), 100.0 * (y - x)];
+            // Of (x − 1)² + 5 (y − x)².
+            let gradient = [2.0 * (x - 1.0) - 10.0 * (y - x), 10.0 * (y - x)];
             adam.descend(&mut weights, &gradient, cosine(0.05, step, 2000));
         }
         assert!(weights.iter().all(|w| (w - 1.0).abs() < 0.01), "{weights:?}");
