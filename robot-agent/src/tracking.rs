@@ -167,7 +167,7 @@ impl Tracker {
     /// Nobody is followed yet.
     pub fn new(raster: Raster, view: View, settings: TrackerSettings) -> Self {
         Self {
-            figures: Figures::new(&view, &raster),
+            figures: Figures::new(&view, &raster, settings.weighs_bodies),
             raster,
             view,
             settings,

@@ -6,18 +6,17 @@
 mod learn;
 
 use std::ops::Range;
-use std::path::Path;
 use std::sync::Arc;
 
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha12Rng;
-use robot_agent::agent::{Agent, AgentSettings, Frame, Input};
-use robot_agent::optics::CameraFile;
+use robot_agent::agent::{Frame, Input};
 use robot_agent::tracking::bodily::{self, INPUTS, MarkedCell};
 
+use crate::motion::trial::agent_of;
 use crate::motion::{Case, TrialError};
 use crate::render::Renderer;
-use crate::scenario::{CameraSpec, Scenario};
+use crate::scenario::Scenario;
 use crate::world::World;
 
 /// What is rendered of a seed.
@@ -68,23 +67,15 @@ pub fn scenarios(seed: u64) -> Vec<Scenario> {
 /// A world that cannot be, or an agent that does not take its camera.
 pub fn gather(mut scenario: Scenario, seed: u64) -> Result<Room, TrialError> {
     if seed.is_multiple_of(COARSE) {
-        let CameraSpec { image_size_px: [w, h], focal_length_px, .. } = scenario.camera;
-        scenario.camera.image_size_px = [w / 2, h / 2];
-        scenario.camera.focal_length_px = focal_length_px / 2.0;
-        scenario.camera.centre_px = [w, h].map(|side| (f64::from(side / 2) - 1.0) / 2.0);
+        scenario.camera = scenario.camera.halved();
     }
+    scenario.robots.weighs_bodies = true;
     let world = World::new(&scenario, seed).map_err(|source| TrialError::World { case: "shadows", seed, source })?;
     let world = Arc::new(world);
     let mut rng = ChaCha12Rng::seed_from_u64(seed);
     let mut examples = Vec::new();
     for (robot, mut renderer) in world.robots().iter().zip(Renderer::team(&world)) {
-        let camera = CameraFile::parse(&scenario.camera_toml_of(&robot.id), Path::new("the scenario's camera"))
-            .and_then(|file| file.mount())
-            .map_err(|e| TrialError::Camera(e.to_string()))?;
-        let mut settings = AgentSettings::new(robot.id, scenario.marker_of(&robot.id));
-        settings.frame_rate_hz = scenario.capture.rate_hz;
-        settings.tracking.weighs_bodies = true;
-        let mut agent = Agent::new(settings, camera, 1)?;
+        let mut agent = agent_of(&scenario, robot)?;
         let mut out = Vec::new();
         for (n, capture) in robot.captures.iter().enumerate().filter(|(_, c)| c.true_time_s < MOST_S) {
             let picture = renderer.render(capture.true_time_s);

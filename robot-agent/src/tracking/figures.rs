@@ -170,15 +170,16 @@ pub(super) struct Figures {
     log_grey: Vec<f32>,
     /// Share marked in the upper quarter of each column of cells.
     upper: Vec<f32>,
-    cells: bodily::Cells,
+    /// Judge of marks, where they are weighed by how far they are somebody's body.
+    cells: Option<bodily::Cells>,
     /// How much what is marked in a cell counts as somebody's body.
     body: Vec<f32>,
     column_rad: f64,
 }
 
 impl Figures {
-    /// For a panorama from a known height; `None` for others.
-    pub(super) fn new(view: &View, raster: &Raster) -> Option<Self> {
+    /// For a panorama from a known height; `None` for others. Whether marks are `weighed` by how far they are somebody's body.
+    pub(super) fn new(view: &View, raster: &Raster, weighed: bool) -> Option<Self> {
         let (camera_m, _) = view.height_m.filter(|_| view.is_panoramic())?;
         let silhouettes = Silhouettes::new(view, raster, camera_m);
         let columns = raster.width.div_ceil(CELL[0]);
@@ -207,7 +208,7 @@ impl Figures {
             weight,
             log_grey,
             upper: vec![0.0; columns],
-            cells: bodily::Cells::new(columns, rows),
+            cells: weighed.then(|| bodily::Cells::new(columns, rows)),
             body: vec![1.0; columns * rows],
             column_rad,
         })
@@ -218,14 +219,14 @@ impl Figures {
         (length_m / range_m).atan() / self.column_rad
     }
 
-    /// Takes the marks of a frame. `skip`: columns and first row of what is known to be something else (fellow robots). Whether marks
-    /// are `weighed` by how far they are somebody's body.
-    pub(super) fn look(&mut self, scene: &Scene<'_>, skip: &[Robot], weighed: bool) {
+    /// Takes the marks of a frame. `skip`: columns and first row of what is known to be something else (fellow robots).
+    pub(super) fn look(&mut self, scene: &Scene<'_>, skip: &[Robot]) {
         let (w, h) = (self.raster.width, self.raster.height);
         let stride = self.stride();
-        let judged = weighed && scene.background.len() == scene.picture.len();
-        if judged {
-            self.cells.look(scene);
+        let has_background = scene.background.len() == scene.picture.len();
+        let mut cells = self.cells.as_mut().filter(|_| has_background);
+        if let Some(cells) = &mut cells {
+            cells.look(scene);
         }
         for row in 0..self.rows {
             let lines = row * CELL[1]..((row + 1) * CELL[1]).min(h);
@@ -244,7 +245,7 @@ impl Figures {
                     lines.end > *first_row && self.raster.column_difference(middle, *column).abs() < *half
                 });
                 let i = row * stride + self.pad + cell;
-                let body = if judged { self.cells.body(row, cell) } else { 1.0 };
+                let body = cells.as_ref().map_or(1.0, |cells| cells.body(row, cell));
                 self.body[row * self.columns + cell] = body;
                 self.marked[i] = body * marks as f32 / tested.max(1) as f32;
                 self.log_grey[i] = if marks > 0 { (grey as f32 / marks as f32).max(1.0).ln() } else { 0.0 };
@@ -263,7 +264,7 @@ impl Figures {
 
     /// The cells of the last frame in which something was marked.
     pub(super) fn marked_cells(&self) -> impl Iterator<Item = MarkedCell> {
-        self.cells.marked()
+        self.cells.iter().flat_map(bodily::Cells::marked)
     }
 
     /// Where the known bodies are, together.

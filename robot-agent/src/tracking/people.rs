@@ -77,7 +77,7 @@ impl Tracker {
     pub(super) fn step_people(&mut self, scene: &Scene<'_>, capture: Timestamp, dt_s: f64, peers: &[PeerBearing]) {
         let Some(mut figures) = self.figures.take() else { return };
         let robots = self.robots(peers);
-        figures.look(scene, &robots, self.settings.weighs_bodies);
+        figures.look(scene, &robots);
         let mut sought: Vec<Sought<'_>> = self.tracks.iter().map(|t| self.sought(t)).collect();
         let known = sought.len();
         let anybody = Shape::default();

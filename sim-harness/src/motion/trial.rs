@@ -11,7 +11,7 @@ use robot_agent::optics::CameraFile;
 use super::Case;
 use crate::render::Renderer;
 use crate::scenario::Scenario;
-use crate::world::{PersonState, RobotState, World, WorldError};
+use crate::world::{PersonState, Robot, RobotState, World, WorldError};
 
 /// Why there is no trial.
 #[derive(Debug, thiserror::Error)]
@@ -105,14 +105,7 @@ pub fn run_scenario(case: Case, seed: u64, scenario: Scenario, pictures: Option<
     let world = World::new(&scenario, seed).map_err(|source| TrialError::World { case: case.name(), seed, source })?;
     let world = Arc::new(world);
     let robot = &world.robots()[0];
-    let text = scenario.camera_toml_of(&robot.id);
-    let camera = CameraFile::parse(&text, Path::new("the scenario's camera"))
-        .and_then(|file| file.mount())
-        .map_err(|e| TrialError::Camera(e.to_string()))?;
-    let mut settings = AgentSettings::new(robot.id, scenario.marker_of(&robot.id));
-    settings.frame_rate_hz = scenario.capture.rate_hz;
-    settings.tracking.weighs_bodies = scenario.robots.weighs_bodies;
-    let mut agent = Agent::new(settings, camera, 1)?;
+    let mut agent = agent_of(&scenario, robot)?;
     let mut renderer = Renderer::team(&world).remove(0);
     if let Some(folder) = pictures {
         let kept = renderer.keep_in(folder, &scenario);
@@ -155,6 +148,21 @@ pub fn run_scenario(case: Case, seed: u64, scenario: Scenario, pictures: Option<
     Ok(Trial { case, seed, scenario, instants })
 }
 
+/// The agent of a robot of a scenario.
+///
+/// # Errors
+/// A camera that it does not take.
+pub fn agent_of(scenario: &Scenario, robot: &Robot) -> Result<Agent, TrialError> {
+    let text = scenario.camera_toml_of(&robot.id);
+    let camera = CameraFile::parse(&text, Path::new("the scenario's camera"))
+        .and_then(|file| file.mount())
+        .map_err(|e| TrialError::Camera(e.to_string()))?;
+    let mut settings = AgentSettings::new(robot.id, scenario.marker_of(&robot.id));
+    settings.frame_rate_hz = scenario.capture.rate_hz;
+    settings.tracking.weighs_bodies = scenario.robots.weighs_bodies;
+    Ok(Agent::new(settings, camera, 1)?)
+}
+
 fn turn_rate(world: &World, time_s: f64) -> f64 {
     const STEP_S: f64 = 0.01;
     let heading = |t: f64| world.at(t).robots[0].heading_rad;
@@ -189,18 +197,11 @@ fn truth(world: &World, robot: &RobotState, person: &PersonState, visible_fracti
 mod tests {
     use super::*;
     use crate::motion::{Tally, verdict};
-    use crate::scenario::CameraSpec;
 
     /// With a quarter of the pixels, for speed.
     fn small(case: Case, seed: u64) -> Tally {
         let mut scenario = case.scenario(seed);
-        let CameraSpec { image_size_px: [w, h], focal_length_px, .. } = scenario.camera;
-        scenario.camera = CameraSpec {
-            image_size_px: [w / 2, h / 2],
-            focal_length_px: focal_length_px / 2.0,
-            centre_px: [w, h].map(|side| (f64::from(side / 2) - 1.0) / 2.0),
-            ..scenario.camera
-        };
+        scenario.camera = scenario.camera.halved();
         Tally::of(&run_scenario(case, seed, scenario, None).unwrap())
     }
 

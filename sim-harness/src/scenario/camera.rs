@@ -85,6 +85,17 @@ impl Default for CameraSpec {
 }
 
 impl CameraSpec {
+    /// The same with a quarter of the pixels.
+    pub fn halved(&self) -> Self {
+        let [w, h] = self.image_size_px;
+        Self {
+            image_size_px: [w / 2, h / 2],
+            focal_length_px: self.focal_length_px / 2.0,
+            centre_px: [w, h].map(|side| (f64::from(side / 2) - 1.0) / 2.0),
+            ..self.clone()
+        }
+    }
+
     /// The true tilt (roll, pitch) of a robot's camera, degrees.
     pub fn tilt_deg(&self, robot: &RobotId) -> [f64; 2] {
         self.tilts.iter().find(|t| t.robot == *robot).map_or([0.0; 2], |t| t.tilt_deg)

@@ -73,7 +73,7 @@ impl Room {
         let geometry = PanoramaGeometry::new(1080, height, Projection::Cylinder, range).unwrap();
         let view = View::panorama(geometry, &camera);
         let raster = Raster { width: 1080, height: height as usize, wraps: true };
-        let figures = Figures::new(&view, &raster).unwrap();
+        let figures = Figures::new(&view, &raster, false).unwrap();
         Self {
             raster,
             view,
@@ -106,11 +106,7 @@ impl Room {
 
     fn look_at_the_mask(&mut self) {
         let (raster, mask, valid, picture) = (&self.raster, &self.mask, &self.valid, &self.picture);
-        self.figures.look(
-            &Scene { raster, picture, background: &[], mask, magnitude: mask, valid, objects: &[] },
-            &[],
-            false,
-        );
+        self.figures.look(&Scene { raster, picture, background: &[], mask, magnitude: mask, valid, objects: &[] }, &[]);
     }
 
     fn scene(&self) -> Scene<'_> {
