@@ -98,8 +98,6 @@ pub struct WorkConfig {
     pub budget_s: Option<f64>,
     /// Frames a second that are worked on at most.
     pub max_frame_rate_hz: f64,
-    /// See [`TrackerSettings::weighs_bodies`](crate::tracking::TrackerSettings::weighs_bodies).
-    pub weighs_bodies: bool,
 }
 
 impl Config {
@@ -141,7 +139,6 @@ impl Config {
                     120.0,
                     "frames a second",
                 )?,
-                weighs_bodies: work.weighs_bodies,
             },
             connect_is_default: connect.is_none(),
             connect: connect.unwrap_or_else(|| vec![security.default_endpoint()]),

@@ -20,6 +20,7 @@ mod looks;
 mod lost;
 mod pairs;
 mod people;
+mod proof;
 mod range;
 #[cfg(test)]
 mod reality;
@@ -65,15 +66,14 @@ pub struct TrackerSettings {
     pub hidden_s: f64,
     /// The same of one that others cover, seconds: as long as they do it cannot be seen.
     pub behind_s: f64,
-    /// A hidden track is published for so long, seconds.
+    /// A hidden track is published for so long, seconds; one that others cover as long as it is kept.
     pub publish_hidden_s: f64,
     /// A track that has stopped is kept as an object for so long, seconds; then it belongs to the scene.
     pub hold_s: f64,
     /// A track in a group in which nothing speaks for it (it may be behind somebody) is kept for so long, seconds.
     pub unsupported_s: f64,
-    /// Whether marks count as far as they are somebody's body (see [`bodily`]). On trial: shadows are followed less, but whoever looks like one
-    /// is, too.
-    pub weighs_bodies: bool,
+    /// Whether what is marked near people counts only as far as it is somebody's body and no shadow (see [`bodily`]). Off where that is learnt.
+    pub doubts_shadows: bool,
 }
 
 impl Default for TrackerSettings {
@@ -86,7 +86,7 @@ impl Default for TrackerSettings {
             publish_hidden_s: 1.0,
             hold_s: 60.0,
             unsupported_s: 3.0,
-            weighs_bodies: false,
+            doubts_shadows: true,
         }
     }
 }
@@ -167,7 +167,7 @@ impl Tracker {
     /// Nobody is followed yet.
     pub fn new(raster: Raster, view: View, settings: TrackerSettings) -> Self {
         Self {
-            figures: Figures::new(&view, &raster, settings.weighs_bodies),
+            figures: Figures::new(&view, &raster),
             raster,
             view,
             settings,
@@ -338,7 +338,9 @@ impl Tracker {
             .tracks
             .iter()
             .filter(|t| t.confirmed)
-            .filter(|t| t.state != TrackState::Hidden || now.seconds_since(t.seen) <= self.settings.publish_hidden_s)
+            .filter(|t| {
+                t.behind || t.state != TrackState::Hidden || now.seconds_since(t.seen) <= self.settings.publish_hidden_s
+            })
             .filter_map(|t| self.view_of(t))
             .collect();
         views.sort_by(|a, b| b.confidence.total_cmp(&a.confidence).then(a.id.cmp(&b.id)));

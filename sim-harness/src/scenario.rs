@@ -98,9 +98,6 @@ pub struct RobotsSpec {
     pub drives: Vec<DriveSpec>,
     /// What robots wear; those not named wear rings.
     pub wear: Vec<WearOf>,
-    /// Whether their agents weigh marks by how far they are bodies (`[work] weighs_bodies` of an agent).
-    #[serde(skip_serializing_if = "std::ops::Not::not")]
-    pub weighs_bodies: bool,
 }
 
 impl Default for RobotsSpec {
@@ -112,7 +109,6 @@ impl Default for RobotsSpec {
             within_m: 4.5,
             drives: Vec::new(),
             wear: Vec::new(),
-            weighs_bodies: false,
         }
     }
 }

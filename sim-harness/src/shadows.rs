@@ -11,6 +11,7 @@ use std::sync::Arc;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha12Rng;
 use robot_agent::agent::{Frame, Input};
+use robot_agent::tracking::TrackerSettings;
 use robot_agent::tracking::bodily::{self, INPUTS, MarkedCell};
 
 use crate::motion::trial::agent_of;
@@ -69,13 +70,13 @@ pub fn gather(mut scenario: Scenario, seed: u64) -> Result<Room, TrialError> {
     if seed.is_multiple_of(COARSE) {
         scenario.camera = scenario.camera.halved();
     }
-    scenario.robots.weighs_bodies = true;
+    let tracking = TrackerSettings { doubts_shadows: false, ..TrackerSettings::default() };
     let world = World::new(&scenario, seed).map_err(|source| TrialError::World { case: "shadows", seed, source })?;
     let world = Arc::new(world);
     let mut rng = ChaCha12Rng::seed_from_u64(seed);
     let mut examples = Vec::new();
     for (robot, mut renderer) in world.robots().iter().zip(Renderer::team(&world)) {
-        let mut agent = agent_of(&scenario, robot)?;
+        let mut agent = agent_of(&scenario, robot, tracking.clone())?;
         let mut out = Vec::new();
         for (n, capture) in robot.captures.iter().enumerate().filter(|(_, c)| c.true_time_s < MOST_S) {
             let picture = renderer.render(capture.true_time_s);

@@ -51,7 +51,6 @@ pub(super) fn open(path: &Path, epoch: u64) -> Result<Checked, Failure> {
     settings.frame_rate_hz = config.capture.frame_rate_hz;
     settings.max_frame_rate_hz = config.work.max_frame_rate_hz;
     settings.budget_s = config.work.budget_s;
-    settings.tracking.weighs_bodies = config.work.weighs_bodies;
     settings.max_bytes_per_s = config.max_bytes_per_s;
     let wrong_work = |error: AgentError| match (&error, config.work.panorama_columns) {
         (AgentError::Panorama(_) | AgentError::Motion(_), Some(columns)) => Failure::Usage(format!(

@@ -82,14 +82,11 @@ pub struct RawWork {
     pub budget_ms: f64,
     /// Frames a second that are worked on at most; others are dropped and counted. Default 120.
     pub max_frame_rate_hz: f64,
-    /// On trial, default false: what is marked counts as far as a small network takes it for somebody's body. Shadows are followed less,
-    /// the team's map is better; whoever is dressed as smoothly as a shadow may be missed.
-    pub weighs_bodies: bool,
 }
 
 impl Default for RawWork {
     fn default() -> Self {
-        Self { panorama_columns: None, budget_ms: 0.0, max_frame_rate_hz: 120.0, weighs_bodies: false }
+        Self { panorama_columns: None, budget_ms: 0.0, max_frame_rate_hz: 120.0 }
     }
 }
 

@@ -29,6 +29,7 @@ use protocol::appearance::Appearance;
 
 use super::View;
 use super::people::Robot;
+use super::proof::Doubts;
 use crate::motion::{Raster, Region, Run, Scene};
 
 /// Log-likelihood by which a fully visible body is better than none, for the fit: cells are not independent.
@@ -86,6 +87,19 @@ const LEAST_OWN: f32 = 0.25;
 const ESTABLISHED: u32 = 15;
 /// Levels by which one body is nearer than another for sure.
 const NEARER: f64 = 1.0;
+
+/// Columns of the panorama.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Span {
+    pub(super) middle: f64,
+    pub(super) half: f64,
+}
+
+impl Span {
+    pub(super) fn contains(&self, column: f64, raster: &Raster) -> bool {
+        raster.column_difference(column, self.middle).abs() < self.half
+    }
+}
 
 /// A body that is looked for.
 #[derive(Debug, Clone, Copy)]
@@ -170,16 +184,16 @@ pub(super) struct Figures {
     log_grey: Vec<f32>,
     /// Share marked in the upper quarter of each column of cells.
     upper: Vec<f32>,
-    /// Judge of marks, where they are weighed by how far they are somebody's body.
-    cells: Option<bodily::Cells>,
-    /// How much what is marked in a cell counts as somebody's body.
+    /// Tells what is marked of somebody's body.
+    cells: bodily::Cells,
+    /// How much what is marked in a cell counts.
     body: Vec<f32>,
     column_rad: f64,
 }
 
 impl Figures {
-    /// For a panorama from a known height; `None` for others. Whether marks are `weighed` by how far they are somebody's body.
-    pub(super) fn new(view: &View, raster: &Raster, weighed: bool) -> Option<Self> {
+    /// For a panorama from a known height; `None` for others.
+    pub(super) fn new(view: &View, raster: &Raster) -> Option<Self> {
         let (camera_m, _) = view.height_m.filter(|_| view.is_panoramic())?;
         let silhouettes = Silhouettes::new(view, raster, camera_m);
         let columns = raster.width.div_ceil(CELL[0]);
@@ -208,7 +222,7 @@ impl Figures {
             weight,
             log_grey,
             upper: vec![0.0; columns],
-            cells: weighed.then(|| bodily::Cells::new(columns, rows)),
+            cells: bodily::Cells::new(columns, rows),
             body: vec![1.0; columns * rows],
             column_rad,
         })
@@ -219,15 +233,11 @@ impl Figures {
         (length_m / range_m).atan() / self.column_rad
     }
 
-    /// Takes the marks of a frame. `skip`: columns and first row of what is known to be something else (fellow robots).
-    pub(super) fn look(&mut self, scene: &Scene<'_>, skip: &[Robot]) {
+    /// Takes the marks of a frame. `skip`: columns and first row of what is known to be something else (fellow robots). `doubts`: where
+    /// marks count only as far as they are a body.
+    pub(super) fn look(&mut self, scene: &Scene<'_>, skip: &[Robot], doubts: &Doubts) {
         let (w, h) = (self.raster.width, self.raster.height);
         let stride = self.stride();
-        let has_background = scene.background.len() == scene.picture.len();
-        let mut cells = self.cells.as_mut().filter(|_| has_background);
-        if let Some(cells) = &mut cells {
-            cells.look(scene);
-        }
         for row in 0..self.rows {
             let lines = row * CELL[1]..((row + 1) * CELL[1]).min(h);
             for cell in 0..self.columns {
@@ -245,13 +255,14 @@ impl Figures {
                     lines.end > *first_row && self.raster.column_difference(middle, *column).abs() < *half
                 });
                 let i = row * stride + self.pad + cell;
-                let body = cells.as_ref().map_or(1.0, |cells| cells.body(row, cell));
-                self.body[row * self.columns + cell] = body;
-                self.marked[i] = body * marks as f32 / tested.max(1) as f32;
+                self.marked[i] = marks as f32 / tested.max(1) as f32;
                 self.log_grey[i] = if marks > 0 { (grey as f32 / marks as f32).max(1.0).ln() } else { 0.0 };
                 self.weight[i] = if known { 0.0 } else { tested as f32 / (CELL[0] * CELL[1]) as f32 };
+                self.cells.take(scene, [row, cell], [marks, tested]);
             }
         }
+        self.cells.close();
+        self.doubt(doubts);
         let upper_rows = self.upper_rows;
         for (cell, upper) in self.upper.iter_mut().enumerate() {
             let sum: f32 = (0..upper_rows).map(|row| self.marked[row * stride + self.pad + cell]).sum();
@@ -262,9 +273,44 @@ impl Figures {
         }
     }
 
+    /// Lets marks count only as far as they are a body.
+    fn doubt(&mut self, doubts: &Doubts) {
+        self.body.fill(1.0);
+        let stride = self.stride();
+        for cell in 0..self.columns {
+            if !doubts.hold_at(self.column_of(cell as i64), &self.raster) {
+                continue;
+            }
+            for row in 0..self.rows {
+                let body = self.cells.body(row, cell);
+                self.body[row * self.columns + cell] = body;
+                self.marked[row * stride + self.pad + cell] *= body;
+            }
+        }
+    }
+
+    /// Share of what is marked where a figure is that looks like a body; `None` where too little is marked to say.
+    pub(super) fn bodily_share(&self, figure: &Figure) -> Option<f64> {
+        const COVERED: f32 = 0.5;
+        const LEAST_CELLS: f32 = 3.0;
+        let (mut bodily, mut all) = (0.0, 0.0);
+        let Place { cell, silhouette, .. } = &figure.place;
+        for (row, cover) in silhouette.cover.chunks_exact(silhouette.width()).enumerate() {
+            for i in (0..cover.len()).filter(|i| cover[*i] > COVERED) {
+                let at = (cell + i as i64 - silhouette.half as i64).rem_euclid(self.columns as i64) as usize;
+                let share = self.weight[row * self.stride() + self.pad + at] * self.cells.marked_share(row, at);
+                if share > 0.0 {
+                    bodily += share * self.cells.body(row, at);
+                    all += share;
+                }
+            }
+        }
+        (all > LEAST_CELLS).then(|| f64::from(bodily / all))
+    }
+
     /// The cells of the last frame in which something was marked.
     pub(super) fn marked_cells(&self) -> impl Iterator<Item = MarkedCell> {
-        self.cells.iter().flat_map(bodily::Cells::marked)
+        self.cells.marked()
     }
 
     /// Where the known bodies are, together.

@@ -6,7 +6,8 @@ use protocol::message::TrackState;
 use protocol::time::Timestamp;
 
 use super::body::solid_rows;
-use super::figures::{Figure, Figures, Shape, Sought};
+use super::figures::{Figure, Figures, Shape, Sought, Span};
+use super::proof::Doubts;
 use super::shade::{Shaded, shaded};
 use super::told::Manner;
 use super::track::{Sighting, Track};
@@ -63,6 +64,19 @@ const SOLID_HEAD: f64 = 0.25;
 /// Shadows fall no further from somebody than this, metres across the line of sight.
 const SHADOW_M: f64 = 2.0;
 
+/// Half of the breadth in which marks are left to who only looks like a shadow, metres.
+const SMOOTH_M: f64 = 0.4;
+
+/// The columns within some distance of a track, metres.
+fn span_of(track: &Track, within_m: f64, figures: &Figures) -> Span {
+    Span { middle: track.filter.column, half: figures.columns_of(within_m, track.log_range.exp()) }
+}
+
+/// Where the shadows fall of who is known to have a body.
+fn shadows_of(track: &Track, figures: &Figures) -> Option<Span> {
+    (track.confirmed && track.proof.has_body()).then(|| span_of(track, SHADOW_M, figures))
+}
+
 /// How somebody appears in a frame.
 struct Look {
     sighting: Sighting,
@@ -77,7 +91,8 @@ impl Tracker {
     pub(super) fn step_people(&mut self, scene: &Scene<'_>, capture: Timestamp, dt_s: f64, peers: &[PeerBearing]) {
         let Some(mut figures) = self.figures.take() else { return };
         let robots = self.robots(peers);
-        figures.look(scene, &robots);
+        let shadows: Vec<Option<Span>> = self.tracks.iter().map(|t| shadows_of(t, &figures)).collect();
+        figures.look(scene, &robots, &self.doubts(&shadows, &figures));
         let mut sought: Vec<Sought<'_>> = self.tracks.iter().map(|t| self.sought(t)).collect();
         let known = sought.len();
         let anybody = Shape::default();
@@ -119,6 +134,11 @@ impl Tracker {
                     let is_apart = figure.apart >= ALONE;
                     if is_apart {
                         figures.learn(figure, &mut track.figure_shape);
+                        let others = shadows.iter().enumerate().filter(|(k, _)| *k != t).filter_map(|(_, span)| *span);
+                        let alone = !others.into_iter().any(|span| span.contains(figure.column, &self.raster));
+                        if let Some(share) = figures.bodily_share(figure) {
+                            track.proof.see(share, alone);
+                        }
                     }
                     track.average_m = is_apart.then(|| figures.average_range_m(figure));
                     track.see_figure(&look.sighting, capture, &self.raster);
@@ -188,6 +208,16 @@ impl Tracker {
         // Whom nothing speaks for that seniors do not explain is a part of them.
         self.keep_tracks(|t| t.evidence > LEAST_MEAN_EVIDENCE);
         self.figures = Some(figures);
+    }
+
+    /// Where marks are doubted, by where shadows of the tracks fall.
+    fn doubts(&self, shadows: &[Option<Span>], figures: &Figures) -> Doubts {
+        if !self.settings.doubts_shadows {
+            return Doubts::default();
+        }
+        let but = self.tracks.iter().filter(|t| t.confirmed && t.proof.only_looks_like_a_shadow());
+        let span = |t: &Track| span_of(t, SMOOTH_M, figures);
+        Doubts { shadows: shadows.iter().copied().flatten().collect(), but: but.map(span).collect() }
     }
 
     /// What looks like a shadow at a column is perhaps one only where the shadow of somebody else than track `but` may fall.

@@ -25,6 +25,7 @@ use super::histogram::Histogram;
 use super::looks::Looks;
 use super::lost::Stand;
 use super::people::SHOULDERS_M;
+use super::proof::Proof;
 use super::shade::Shaded;
 use super::told::{Agreement, Manner};
 use crate::motion::{Arc, Patch, Raster};
@@ -77,6 +78,8 @@ pub(super) struct Track {
     pub(super) solid_hits: u32,
     /// Sights of it that were no shadow, however little spoke for one.
     bodily_hits: u32,
+    /// Whether it is known to have a body.
+    pub(super) proof: Proof,
     /// Sightings in which it moved and was no ghost.
     pub(super) moving_hits: u32,
     /// When something in a picture last spoke for it.
@@ -221,6 +224,7 @@ impl Track {
             vouched_hits: 0,
             solid_hits: 0,
             bodily_hits: 1,
+            proof: Proof::default(),
             born: now,
             born_at: s.axis,
             travelled: 0.0,

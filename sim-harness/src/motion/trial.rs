@@ -7,6 +7,7 @@ use protocol::frames::Pose2;
 use protocol::message::{AlarmKind, Motion, Stages, TrackObservation};
 use robot_agent::agent::{Agent, AgentError, AgentSettings, Frame, Input, Output};
 use robot_agent::optics::CameraFile;
+use robot_agent::tracking::TrackerSettings;
 
 use super::Case;
 use crate::render::Renderer;
@@ -105,7 +106,7 @@ pub fn run_scenario(case: Case, seed: u64, scenario: Scenario, pictures: Option<
     let world = World::new(&scenario, seed).map_err(|source| TrialError::World { case: case.name(), seed, source })?;
     let world = Arc::new(world);
     let robot = &world.robots()[0];
-    let mut agent = agent_of(&scenario, robot)?;
+    let mut agent = agent_of(&scenario, robot, TrackerSettings::default())?;
     let mut renderer = Renderer::team(&world).remove(0);
     if let Some(folder) = pictures {
         let kept = renderer.keep_in(folder, &scenario);
@@ -148,18 +149,18 @@ pub fn run_scenario(case: Case, seed: u64, scenario: Scenario, pictures: Option<
     Ok(Trial { case, seed, scenario, instants })
 }
 
-/// The agent of a robot of a scenario.
+/// The agent of a robot of a scenario, which follows people in some way.
 ///
 /// # Errors
 /// A camera that it does not take.
-pub fn agent_of(scenario: &Scenario, robot: &Robot) -> Result<Agent, TrialError> {
+pub fn agent_of(scenario: &Scenario, robot: &Robot, tracking: TrackerSettings) -> Result<Agent, TrialError> {
     let text = scenario.camera_toml_of(&robot.id);
     let camera = CameraFile::parse(&text, Path::new("the scenario's camera"))
         .and_then(|file| file.mount())
         .map_err(|e| TrialError::Camera(e.to_string()))?;
     let mut settings = AgentSettings::new(robot.id, scenario.marker_of(&robot.id));
     settings.frame_rate_hz = scenario.capture.rate_hz;
-    settings.tracking.weighs_bodies = scenario.robots.weighs_bodies;
+    settings.tracking = tracking;
     Ok(Agent::new(settings, camera, 1)?)
 }
 

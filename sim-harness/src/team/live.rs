@@ -139,7 +139,6 @@ fn start_robots(
     for ((index, robot), renderer) in world.robots().iter().enumerate().zip(Renderer::team(world)) {
         let captures = robot.captures.iter().filter(|c| c.true_time_s <= duration_s).copied().collect();
         let mut agent_settings = AgentSettings::new(names[index], scenario.marker_of(&robot.id));
-        agent_settings.tracking.weighs_bodies = scenario.robots.weighs_bodies;
         agent_settings.frame_rate_hz = scenario.capture_of(&robot.id).rate_hz;
         let clock = Clock::with_offset_ns((robot.clock_offset_s * 1e9).round() as i64);
         let epoch = zero.0.wrapping_add(index as u64);

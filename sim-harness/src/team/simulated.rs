@@ -114,7 +114,6 @@ impl Team {
             }
             let captures = robot.captures.iter().filter(|c| c.true_time_s <= duration_s).copied().collect();
             let mut agent_settings = AgentSettings::new(names[index], scenario.marker_of(&robot.id));
-            agent_settings.tracking.weighs_bodies = scenario.robots.weighs_bodies;
             agent_settings.frame_rate_hz = scenario.capture_of(&robot.id).rate_hz;
             let agent = Agent::new(agent_settings, camera(scenario, settings, &robot.id)?, index as u64 + 1)?;
             robots.push(RobotNode {

@@ -73,23 +73,39 @@ impl Cells {
         Self { columns, rows, sums: vec![Sums::default(); rows * (columns + 2 * PAD)] }
     }
 
-    /// Takes a frame.
-    pub(super) fn look(&mut self, scene: &Scene<'_>) {
-        let stride = self.columns + 2 * PAD;
+    /// Takes a cell of a frame, with the numbers of its pixels that are marked and that are tested at all.
+    pub(super) fn take(&mut self, scene: &Scene<'_>, [row, cell]: [usize; 2], [marked, tested]: [u32; 2]) {
+        let has_background = scene.background.len() == scene.picture.len();
+        let sums = &mut self.sums[row * (self.columns + 2 * PAD) + PAD + cell];
+        sums.0 = [0.0; 16];
+        sums.0[TESTED] = f32::from(u8::from(tested > 0));
+        if marked > 0 && has_background {
+            add_marked(&mut sums.0, scene, [row, cell], [marked, tested]);
+        }
+    }
+
+    /// All cells are taken.
+    pub(super) fn close(&mut self) {
         let columns = self.columns;
-        for (row, sums) in self.sums.chunks_exact_mut(stride).enumerate() {
-            for (cell, sums) in sums[PAD..PAD + columns].iter_mut().enumerate() {
-                *sums = sums_of(scene, row, cell);
-            }
+        for sums in self.sums.chunks_exact_mut(columns + 2 * PAD) {
             sums.copy_within(columns..columns + PAD, 0);
             sums.copy_within(PAD..2 * PAD, PAD + columns);
         }
     }
 
+    fn sums_at(&self, row: usize, cell: usize) -> &[f32; 16] {
+        &self.sums[row * (self.columns + 2 * PAD) + PAD + cell].0
+    }
+
+    /// Share of a cell that is marked, if the background is known.
+    pub(super) fn marked_share(&self, row: usize, cell: usize) -> f32 {
+        self.sums_at(row, cell)[SHARE]
+    }
+
     /// What the network sees of a cell; `None` where nothing is marked.
     pub(super) fn inputs(&self, row: usize, cell: usize) -> Option<[f32; INPUTS]> {
         let stride = self.columns + 2 * PAD;
-        let here = self.sums[row * stride + PAD + cell].0;
+        let here = self.sums_at(row, cell);
         if here[SHARE] == 0.0 {
             return None;
         }
@@ -113,7 +129,7 @@ impl Cells {
         let cells = (0..self.rows).flat_map(|row| (0..self.columns).map(move |cell| (row, cell)));
         cells.filter_map(|(row, cell)| {
             let inputs = self.inputs(row, cell)?;
-            let marked = self.sums[row * (self.columns + 2 * PAD) + PAD + cell].0[SHARE];
+            let marked = self.marked_share(row, cell);
             let [x, y] = [cell * CELL[0], row * CELL[1]];
             Some(MarkedCell { columns: x..x + CELL[0], rows: y..y + CELL[1], marked, inputs })
         })
@@ -127,17 +143,15 @@ impl Cells {
     }
 }
 
-fn sums_of(scene: &Scene<'_>, row: usize, cell: usize) -> Sums {
+/// What is in a cell in which something is marked.
+fn add_marked(sums: &mut [f32; 16], scene: &Scene<'_>, [row, cell]: [usize; 2], [marked, tested]: [u32; 2]) {
     let (w, h) = (scene.raster.width, scene.raster.height);
-    let (mut n, mut tested) = (0u32, 0u32);
     // Of the picture and of the background in 8.8 fixed point.
     let (mut p, mut b, mut pp, mut pb, mut bb) = (0u32, 0u32, 0u32, 0u32, 0u64);
     for y in row * CELL[1]..((row + 1) * CELL[1]).min(h) {
         for i in y * w + cell * CELL[0]..y * w + ((cell + 1) * CELL[0]).min(w) {
-            tested += u32::from(scene.valid[i]);
             if scene.mask[i] != 0 {
                 let (now, behind) = (u32::from(scene.picture[i]), u32::from(scene.background[i]));
-                n += 1;
                 p += now;
                 b += behind;
                 pp += now * now;
@@ -146,23 +160,17 @@ fn sums_of(scene: &Scene<'_>, row: usize, cell: usize) -> Sums {
             }
         }
     }
-    let mut sums = [0.0; 16];
-    sums[TESTED] = f32::from(u8::from(tested > 0));
-    if n == 0 {
-        return Sums(sums);
-    }
-    let mean = |sum: f64| (sum / f64::from(n)) as f32;
+    let mean = |sum: f64| (sum / f64::from(marked)) as f32;
     let (pp, pb, bb) = (mean(f64::from(pp)), mean(f64::from(pb) / 256.0), mean(bb as f64 / 65536.0));
     let (p, b) = (mean(f64::from(p)), mean(f64::from(b) / 256.0));
     let rest = (pp - pb / bb.max(1e-3) * pb).max(0.0).sqrt();
     let [spread, spread_behind] = [pp - p * p, bb - b * b].map(|var| var.max(0.0).sqrt());
     let ratio = (p.max(LEAST_LEVEL) / b.max(LEAST_LEVEL)).ln();
     let brighter = f32::from(u8::from(ratio > 0.0));
-    let share = n as f32 / tested.max(1) as f32;
+    let share = marked as f32 / tested.max(1) as f32;
     let values = [ratio, ratio * ratio, rest, spread, spread_behind, p, b, p * p, p * b, b * b, brighter];
     sums[SHARE] = share;
     sums[RATIO..].iter_mut().zip(values).for_each(|(sum, value)| *sum = share * value);
-    Sums(sums)
 }
 
 /// Of a window, for a cell of some grey level before one of another.
@@ -248,7 +256,13 @@ mod tests {
         };
         let (columns, rows) = (RING.width / CELL[0], RING.height / CELL[1]);
         let mut cells = Cells::new(columns, rows);
-        cells.look(&scene);
+        for (row, cell) in (0..rows).flat_map(|row| (0..columns).map(move |cell| (row, cell))) {
+            let lines = row * CELL[1]..(row + 1) * CELL[1];
+            let at = |y: usize| y * RING.width + cell * CELL[0]..y * RING.width + (cell + 1) * CELL[0];
+            let marked = lines.map(|y| mask[at(y)].iter().map(|m| u32::from(*m)).sum::<u32>()).sum();
+            cells.take(&scene, [row, cell], [marked, (CELL[0] * CELL[1]) as u32]);
+        }
+        cells.close();
         let marked = (0..rows * columns).map(|i| (i / columns, i % columns));
         let said: Vec<f32> =
             marked.filter(|(y, x)| cells.inputs(*y, *x).is_some()).map(|(y, x)| cells.body(y, x)).collect();

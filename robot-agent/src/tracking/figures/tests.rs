@@ -1,5 +1,6 @@
 //! Figures on masks of people drawn as boxes and discs, in metres, through the panorama's angles.
 
+use protocol::message::TrackState;
 use protocol::time::Timestamp;
 
 use super::*;
@@ -73,7 +74,7 @@ impl Room {
         let geometry = PanoramaGeometry::new(1080, height, Projection::Cylinder, range).unwrap();
         let view = View::panorama(geometry, &camera);
         let raster = Raster { width: 1080, height: height as usize, wraps: true };
-        let figures = Figures::new(&view, &raster, false).unwrap();
+        let figures = Figures::new(&view, &raster).unwrap();
         Self {
             raster,
             view,
@@ -106,7 +107,8 @@ impl Room {
 
     fn look_at_the_mask(&mut self) {
         let (raster, mask, valid, picture) = (&self.raster, &self.mask, &self.valid, &self.picture);
-        self.figures.look(&Scene { raster, picture, background: &[], mask, magnitude: mask, valid, objects: &[] }, &[]);
+        let scene = Scene { raster, picture, background: &[], mask, magnitude: mask, valid, objects: &[] };
+        self.figures.look(&scene, &[], &Doubts::default());
     }
 
     fn scene(&self) -> Scene<'_> {
@@ -338,34 +340,43 @@ fn who_stands_and_is_covered_for_a_while_is_the_same_afterwards() {
 
 /// His shadow falls on what is behind him and goes with him: where that has a pattern it is seen through the shadow, and a bare wall is a
 /// little darker all over. Somebody may look so too: where nobody casts a shadow he is one.
+/// Level of what is a shadow, or looks like one all over.
+const SHADE: u8 = 1;
+
+/// A frame before a wall of some pattern, in which clothes are darker than it, `t` seconds after the first.
+fn track_before_a_wall(tracker: &mut Tracker, room: &mut Room, pattern: f64, people: &[Person], t: f64) {
+    let width = room.raster.width;
+    let behind = |x: usize, y: usize| 120.0 + pattern * (x as f64 / 3.0).sin() * (y as f64 / 4.0).cos();
+    let background: Vec<u16> =
+        (0..room.raster.len()).map(|i| (256.0 * behind(i % width, i / width)) as u16).collect();
+    room.look(people);
+    for (i, pixel) in room.picture.iter_mut().enumerate() {
+        let (x, y) = (i % width, i / width);
+        match (room.mask[i], *pixel) {
+            (0, _) => *pixel = behind(x, y) as u8,
+            // Its edge runs over many columns, so that its darkness is nowhere the same.
+            (_, SHADE) => *pixel = (behind(x, y) * (0.75 + 0.15 * (x as f64 / 20.0).sin())) as u8,
+            _ => *pixel = (60.0 + 25.0 * (x as f64 / 2.0).cos()) as u8,
+        }
+    }
+    let objects = room.objects(|_| true);
+    let scene = Scene { picture: &room.picture, background: &background, objects: &objects, ..room.scene() };
+    tracker.step(&scene, Timestamp::from_secs_f64(100.0 + t), &[]);
+}
+
 #[test]
 fn a_shadow_is_nobody_on_shelves_and_on_a_bare_wall_and_who_looks_like_one_is_somebody_where_nobody_casts_it() {
     for (pattern, with_walker) in [(40.0, true), (0.0, true), (0.0, false)] {
         let mut room = Room::new([-15.0, 20.0]);
-        let width = room.raster.width;
-        let behind = |x: usize, y: usize| 120.0 + pattern * (x as f64 / 3.0).sin() * (y as f64 / 4.0).cos();
-        let background: Vec<u16> =
-            (0..room.raster.len()).map(|i| (256.0 * behind(i % width, i / width)) as u16).collect();
         let mut tracker = Tracker::new(room.raster, room.view.clone(), TrackerSettings::default());
         for frame in 0..60 {
             let t = f64::from(frame) * 0.1;
             let walker = Person { gray: 60, ..person(30.0 - 10.0 * t, 3.0) };
-            let shadow = Person { gray: 1, ..person(44.0 - 10.0 * t, 4.5) };
-            let dull = Person { gray: 1, ..walker };
+            let shadow = Person { gray: SHADE, ..person(44.0 - 10.0 * t, 4.5) };
+            let dull = Person { gray: SHADE, ..walker };
             let cast = [walker, shadow];
-            room.look(if with_walker { &cast } else { std::slice::from_ref(&dull) });
-            for (i, pixel) in room.picture.iter_mut().enumerate() {
-                let (x, y) = (i % width, i / width);
-                match (room.mask[i], *pixel) {
-                    (0, _) => *pixel = behind(x, y) as u8,
-                    // Its edge runs over many columns, so that its darkness is nowhere the same.
-                    (_, 1) => *pixel = (behind(x, y) * (0.75 + 0.15 * (x as f64 / 20.0).sin())) as u8,
-                    _ => *pixel = (60.0 + 25.0 * (x as f64 / 2.0).cos()) as u8,
-                }
-            }
-            let objects = room.objects(|_| true);
-            let scene = Scene { picture: &room.picture, background: &background, objects: &objects, ..room.scene() };
-            tracker.step(&scene, Timestamp::from_secs_f64(100.0 + t), &[]);
+            let people = if with_walker { &cast[..] } else { std::slice::from_ref(&dull) };
+            track_before_a_wall(&mut tracker, &mut room, pattern, people, t);
         }
         let tracks = tracker.tracks();
         assert_eq!(
@@ -374,5 +385,26 @@ fn a_shadow_is_nobody_on_shelves_and_on_a_bare_wall_and_who_looks_like_one_is_so
             "{pattern} {with_walker}: {:?}",
             tracks.iter().map(|t| t.bearing_rad).collect::<Vec<_>>()
         );
+    }
+}
+
+#[test]
+fn who_looks_like_a_shadow_and_came_alone_is_followed_on_when_others_come_near() {
+    let mut room = Room::new([-15.0, 20.0]);
+    let mut tracker = Tracker::new(room.raster, room.view.clone(), TrackerSettings::default());
+    let mut dull_id = None;
+    for frame in 0..70 {
+        let t = f64::from(frame) * 0.1;
+        let dull = Person { gray: SHADE, ..person(30.0 - 6.0 * t, 3.0) };
+        // Beside him after four seconds.
+        let other = Person { gray: 60, ..person(dull.bearing.to_degrees() - 14.0 - 20.0 * (4.0 - t).max(0.0), 3.0) };
+        track_before_a_wall(&mut tracker, &mut room, 0.0, &[dull, other], t);
+        let tracks = tracker.tracks();
+        let near = |t: &&TrackView| {
+            protocol::angle::difference(t.bearing_rad, dull.bearing).abs() < 0.06 && t.state == TrackState::Visible
+        };
+        let found = tracks.iter().find(near).map(|t| t.id);
+        dull_id = dull_id.or(found);
+        assert!(frame < 15 || found.is_some() && found == dull_id, "{t:.1} s: {found:?}, {dull_id:?} at first");
     }
 }
