@@ -102,14 +102,7 @@ pub struct RobotsSpec {
 
 impl Default for RobotsSpec {
     fn default() -> Self {
-        Self {
-            count: 3,
-            poses: Vec::new(),
-            apart_m: 1.2,
-            within_m: 4.5,
-            drives: Vec::new(),
-            wear: Vec::new(),
-        }
+        Self { count: 3, poses: Vec::new(), apart_m: 1.2, within_m: 4.5, drives: Vec::new(), wear: Vec::new() }
     }
 }
 

@@ -64,6 +64,8 @@ const SOLID_HEAD: f64 = 0.25;
 /// Shadows fall no further from somebody than this, metres across the line of sight.
 const SHADOW_M: f64 = 2.0;
 
+/// Marks are doubted no further from who may cast shadows than this, metres across the line of sight: lamps that stand low cast them far.
+const CAST_M: f64 = 4.0;
 /// Half of the breadth in which marks are left to who only looks like a shadow, metres.
 const SMOOTH_M: f64 = 0.4;
 
@@ -74,7 +76,7 @@ fn span_of(track: &Track, within_m: f64, figures: &Figures) -> Span {
 
 /// Where the shadows fall of who is known to have a body.
 fn shadows_of(track: &Track, figures: &Figures) -> Option<Span> {
-    (track.confirmed && track.proof.has_body()).then(|| span_of(track, SHADOW_M, figures))
+    (track.confirmed && track.proof.has_body()).then(|| span_of(track, CAST_M, figures))
 }
 
 /// How somebody appears in a frame.

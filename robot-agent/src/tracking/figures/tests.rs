@@ -347,8 +347,7 @@ const SHADE: u8 = 1;
 fn track_before_a_wall(tracker: &mut Tracker, room: &mut Room, pattern: f64, people: &[Person], t: f64) {
     let width = room.raster.width;
     let behind = |x: usize, y: usize| 120.0 + pattern * (x as f64 / 3.0).sin() * (y as f64 / 4.0).cos();
-    let background: Vec<u16> =
-        (0..room.raster.len()).map(|i| (256.0 * behind(i % width, i / width)) as u16).collect();
+    let background: Vec<u16> = (0..room.raster.len()).map(|i| (256.0 * behind(i % width, i / width)) as u16).collect();
     room.look(people);
     for (i, pixel) in room.picture.iter_mut().enumerate() {
         let (x, y) = (i % width, i / width);
