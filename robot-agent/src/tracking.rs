@@ -339,7 +339,8 @@ impl Tracker {
             .iter()
             .filter(|t| t.confirmed)
             .filter(|t| {
-                t.behind || t.state != TrackState::Hidden || now.seconds_since(t.seen) <= self.settings.publish_hidden_s
+                let is_recent = now.seconds_since(t.seen) <= self.settings.publish_hidden_s;
+                t.state != TrackState::Hidden || t.behind || is_recent
             })
             .filter_map(|t| self.view_of(t))
             .collect();

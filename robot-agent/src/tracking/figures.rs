@@ -186,7 +186,8 @@ pub(super) struct Figures {
     upper: Vec<f32>,
     /// Tells what is marked of somebody's body.
     cells: bodily::Cells,
-    /// How much what is marked in a cell counts.
+    /// Whether marks in a column of cells count only as far as they are a body, and how far those of each cell do.
+    doubted: Vec<bool>,
     body: Vec<f32>,
     column_rad: f64,
 }
@@ -223,6 +224,7 @@ impl Figures {
             log_grey,
             upper: vec![0.0; columns],
             cells: bodily::Cells::new(columns, rows),
+            doubted: vec![false; columns],
             body: vec![1.0; columns * rows],
             column_rad,
         })
@@ -278,7 +280,8 @@ impl Figures {
         self.body.fill(1.0);
         let stride = self.stride();
         for cell in 0..self.columns {
-            if !doubts.hold_at(self.column_of(cell as i64), &self.raster) {
+            self.doubted[cell] = doubts.hold_at(self.column_of(cell as i64), &self.raster);
+            if !self.doubted[cell] {
                 continue;
             }
             for row in 0..self.rows {
@@ -294,17 +297,15 @@ impl Figures {
         const COVERED: f32 = 0.5;
         const LEAST_CELLS: f32 = 3.0;
         let (mut bodily, mut all) = (0.0, 0.0);
-        let Place { cell, silhouette, .. } = &figure.place;
-        for (row, cover) in silhouette.cover.chunks_exact(silhouette.width()).enumerate() {
-            for i in (0..cover.len()).filter(|i| cover[*i] > COVERED) {
-                let at = (cell + i as i64 - silhouette.half as i64).rem_euclid(self.columns as i64) as usize;
-                let share = self.weight[row * self.stride() + self.pad + at] * self.cells.marked_share(row, at);
-                if share > 0.0 {
-                    bodily += share * self.cells.body(row, at);
-                    all += share;
-                }
+        self.for_cells(&figure.place, |i, c| {
+            let [row, cell] = [i / self.stride(), i % self.stride() - self.pad];
+            let share = self.weight[i] * self.cells.marked_share(row, cell);
+            if c > COVERED && share > 0.0 {
+                let said = self.doubted[cell].then(|| self.body[row * self.columns + cell]);
+                bodily += share * said.unwrap_or_else(|| self.cells.body(row, cell));
+                all += share;
             }
-        }
+        });
         (all > LEAST_CELLS).then(|| f64::from(bodily / all))
     }
 

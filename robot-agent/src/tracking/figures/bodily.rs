@@ -2,9 +2,9 @@
 //!
 //! Problem: a lamp near somebody makes shadows on walls that leave half of the light or less. Pixel by pixel, and in small blocks, they
 //! look like a dark coat; a figure that takes them in stays with them when its owner walks on. Insight: over half a metre they do
-//! not, nor do the scraps of them that `motion/shadow` leaves. A shadow is one ratio to what is behind, changes slowly, and has no more texture than what is behind has; clothes, arms, faces
-//! and the gaps between them do. Algorithm: a network of one hidden layer looks at statistics of what is marked in two windows round each
-//! cell. It is learnt by `sim-harness shadows` from rendered rooms, in which every pixel's owner is known.
+//! not, nor do the scraps of them that `motion/shadow` leaves. A shadow is one ratio to what is behind, changes slowly, and has no more
+//! texture than what is behind has; clothes, arms, faces and the gaps between them do. Algorithm: a network of one hidden layer looks at
+//! statistics of what is marked in two windows round each cell. It is learnt by `sim-harness shadows` from rendered rooms, in which every pixel's owner is known.
 
 use std::ops::Range;
 use std::sync::OnceLock;
@@ -76,36 +76,40 @@ impl Cells {
     /// Takes a cell of a frame, with the numbers of its pixels that are marked and that are tested at all.
     pub(super) fn take(&mut self, scene: &Scene<'_>, [row, cell]: [usize; 2], [marked, tested]: [u32; 2]) {
         let has_background = scene.background.len() == scene.picture.len();
-        let sums = &mut self.sums[row * (self.columns + 2 * PAD) + PAD + cell];
-        sums.0 = [0.0; 16];
-        sums.0[TESTED] = f32::from(u8::from(tested > 0));
+        let at = self.at(row, cell);
+        let sums = &mut self.sums[at].0;
+        *sums = [0.0; 16];
+        sums[TESTED] = f32::from(u8::from(tested > 0));
         if marked > 0 && has_background {
-            add_marked(&mut sums.0, scene, [row, cell], [marked, tested]);
+            add_marked(sums, scene, [row, cell], [marked, tested]);
         }
     }
 
     /// All cells are taken.
     pub(super) fn close(&mut self) {
-        let columns = self.columns;
-        for sums in self.sums.chunks_exact_mut(columns + 2 * PAD) {
+        let (columns, stride) = (self.columns, self.stride());
+        for sums in self.sums.chunks_exact_mut(stride) {
             sums.copy_within(columns..columns + PAD, 0);
             sums.copy_within(PAD..2 * PAD, PAD + columns);
         }
     }
 
-    fn sums_at(&self, row: usize, cell: usize) -> &[f32; 16] {
-        &self.sums[row * (self.columns + 2 * PAD) + PAD + cell].0
+    fn stride(&self) -> usize {
+        self.columns + 2 * PAD
+    }
+
+    fn at(&self, row: usize, cell: usize) -> usize {
+        row * self.stride() + PAD + cell
     }
 
     /// Share of a cell that is marked, if the background is known.
     pub(super) fn marked_share(&self, row: usize, cell: usize) -> f32 {
-        self.sums_at(row, cell)[SHARE]
+        self.sums[self.at(row, cell)].0[SHARE]
     }
 
     /// What the network sees of a cell; `None` where nothing is marked.
     pub(super) fn inputs(&self, row: usize, cell: usize) -> Option<[f32; INPUTS]> {
-        let stride = self.columns + 2 * PAD;
-        let here = self.sums_at(row, cell);
+        let here = &self.sums[self.at(row, cell)].0;
         if here[SHARE] == 0.0 {
             return None;
         }
@@ -114,7 +118,7 @@ impl Cells {
         for ([up, aside], inputs) in WINDOWS.iter().zip(inputs[1..].chunks_exact_mut(TRAITS)) {
             let mut window = Sums::default();
             for y in row.saturating_sub(*up)..(row + up + 1).min(self.rows) {
-                let first = y * stride + PAD + cell - aside;
+                let first = self.at(y, cell) - aside;
                 for sums in &self.sums[first..=first + 2 * aside] {
                     window.0.iter_mut().zip(sums.0).for_each(|(sum, value)| *sum += value);
                 }
