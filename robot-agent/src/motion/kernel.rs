@@ -114,8 +114,7 @@ pub fn level() -> &'static str {
 }
 
 /// Bytes of a line of the cache.
-#[cfg(target_arch = "x86_64")]
-const LINE: usize = 64;
+pub(crate) const LINE: usize = 64;
 
 /// Fetches values into the first-level cache: for what will be needed soon, and does not lie in one piece. Of values that begin within
 /// a line the last line may be left out.
@@ -138,6 +137,19 @@ pub(crate) fn fetch_far<T>(values: &[T]) {
     }
     #[cfg(not(target_arch = "x86_64"))]
     let _ = values;
+}
+
+/// The same of lines that begin at some places; of values that do not begin with a line a part of some may be left out.
+#[inline(always)]
+pub(crate) fn fetch_far_lines(values: &[u8], lines: &[u32]) {
+    #[cfg(target_arch = "x86_64")]
+    for line in lines {
+        use std::arch::x86_64::{_MM_HINT_T1, _mm_prefetch};
+        // SAFETY: a hint; nothing is read.
+        unsafe { _mm_prefetch::<_MM_HINT_T1>(values.as_ptr().cast::<i8>().wrapping_add(*line as usize)) };
+    }
+    #[cfg(not(target_arch = "x86_64"))]
+    let _ = (values, lines);
 }
 
 #[cfg(target_arch = "x86_64")]

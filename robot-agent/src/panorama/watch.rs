@@ -39,6 +39,9 @@ pub struct Watch {
     columns: usize,
     /// Blocks of each cell, column by column.
     cells: Vec<Range<usize>>,
+    /// Lines of the cache that each cell's blocks lie on, and all of them.
+    cell_lines: Vec<Range<usize>>,
+    lines: Vec<u32>,
     places: Vec<[u32; SEGMENTS]>,
     reference: Vec<[Segment; SEGMENTS]>,
     /// What each block differs by if nothing changes, and at most.
@@ -48,6 +51,7 @@ pub struct Watch {
     /// Cells that are looked at in a frame, and all of their blocks.
     looked: Vec<Place>,
     looked_blocks: Vec<u32>,
+    looked_lines: Vec<u32>,
     source_len: usize,
     /// Frames since the reference was begun.
     frames: u32,
@@ -68,6 +72,7 @@ impl Watch {
         let size = [width.div_ceil(CELL_COLUMNS), height.div_ceil(CELL_ROWS)];
         let source = lut.source_size_px().map(|n| n as usize);
         let (mut cells, mut places) = (Vec::new(), Vec::new());
+        let (mut cell_lines, mut lines) = (Vec::new(), Vec::new());
         for column in 0..size[0] {
             for band in 0..size[1] {
                 let first = places.len();
@@ -75,12 +80,18 @@ impl Watch {
                 let rows = band * CELL_ROWS..((band + 1) * CELL_ROWS).min(height);
                 add_blocks(&segments(lut, columns, rows, source), &mut places);
                 cells.push(first..places.len());
+                let first_line = lines.len();
+                lines.extend(lines_of(&places[first..]));
+                cell_lines.push(first_line..lines.len());
             }
         }
         let n = places.len();
         Self {
             columns: size[0],
             cells,
+            cell_lines,
+            looked_lines: Vec::with_capacity(lines.len()),
+            lines,
             places,
             reference: vec![[[0; LENGTH]; SEGMENTS]; n],
             expected: vec![0; n],
@@ -96,12 +107,14 @@ impl Watch {
     /// Bytes held.
     pub fn memory_bytes(&self) -> usize {
         size_of_val(&*self.cells)
+            + size_of_val(&*self.cell_lines)
+            + size_of_val(&*self.lines)
             + size_of_val(&*self.places)
             + size_of_val(&*self.reference)
             + size_of_val(&*self.expected)
             + size_of_val(&*self.sums)
             + self.looked.capacity() * size_of::<Place>()
-            + self.looked_blocks.capacity() * size_of::<u32>()
+            + (self.looked_blocks.capacity() + self.looked_lines.capacity()) * size_of::<u32>()
     }
 
     /// Unwarps a picture as far as the drawing's [`Work`] says and wherever it shows something else than it did, and tells it where
@@ -161,21 +174,29 @@ impl Watch {
 
     /// Chooses the cells to be looked at, of those of which the camera sees something.
     fn choose(&mut self, wanted: impl Fn(Place) -> bool) {
-        let Self { cells, columns, looked, looked_blocks, .. } = self;
+        let Self { cells, columns, looked, looked_blocks, looked_lines, .. } = self;
         looked.clear();
         looked_blocks.clear();
+        looked_lines.clear();
         for at in places(*columns, cells.len() / (*columns).max(1)).filter(|at| wanted(*at)) {
             let blocks = cells[at.cell].clone();
             if !blocks.is_empty() {
                 looked.push(at);
                 looked_blocks.extend(blocks.map(|block| block as u32));
+                looked_lines.extend_from_slice(&self.lines[self.cell_lines[at.cell].clone()]);
             }
         }
     }
 
+    /// By how much the blocks of the cells that were chosen differ from their reference.
+    fn measure(&mut self, source: &[u8]) {
+        let Self { places, reference, looked_blocks, looked_lines, sums, .. } = self;
+        kernel::differences(source, places, reference, looked_blocks, looked_lines, sums);
+    }
+
     /// Looks at the cells that were chosen; how many have changed.
     fn look_at(&mut self, source: &[u8], work: &mut Work) -> usize {
-        kernel::differences(source, &self.places, &self.reference, &self.looked_blocks, &mut self.sums);
+        self.measure(source);
         let mut all_changed = 0;
         for at in &self.looked {
             let blocks = self.cells[at.cell].clone();
@@ -196,7 +217,7 @@ impl Watch {
     fn learn(&mut self, source: &[u8]) {
         if (1..LEARNING_FRAMES).contains(&self.frames) {
             self.choose(|_| true);
-            kernel::differences(source, &self.places, &self.reference, &self.looked_blocks, &mut self.sums);
+            self.measure(source);
             let mut sorted = self.sums.clone();
             let middle = sorted.len() / 2;
             if middle < sorted.len() {
@@ -253,6 +274,14 @@ fn segments(lut: &Lut, columns: Range<usize>, rows: Range<usize>, [stride, sourc
         segments.extend((0..n).map(|k| (start + k * LENGTH) as u32));
     }
     segments
+}
+
+/// Where the lines of the cache begin that blocks lie on.
+fn lines_of(places: &[[u32; SEGMENTS]]) -> impl Iterator<Item = u32> {
+    let line = crate::motion::kernel::LINE as u32;
+    let ends = places.iter().flatten().flat_map(|place| [*place, place + LENGTH as u32 - 1]);
+    let lines: std::collections::BTreeSet<u32> = ends.map(|at| at / line).collect();
+    lines.into_iter().map(move |at| at * line)
 }
 
 /// Adds whole blocks; the last one has some of the cell's other segments once more.

@@ -7,31 +7,30 @@ pub(in super::super) type Segment = [u8; 16];
 
 /// Segments of a block.
 const SEGMENTS: usize = 8;
-/// Blocks ahead of the one that is worked whose pixels are fetched into the cache: so many that memory is always busy, and so few
-/// that they stay there until they are worked.
-const AHEAD: usize = 64;
+/// Lines ahead of those needed that are fetched into the cache: so many that memory is always busy, and so few that they stay there
+/// until they are.
+const AHEAD: usize = 256;
 
 wide! {
 /// The sum of absolute differences to its `reference` of each of some `blocks`; `places` are where a block's segments begin in the
-/// picture. A place that is none differs as much as can be. The sums of other blocks stay.
+/// picture. A place that is none differs as much as can be. The sums of other blocks stay. `lines` are where the lines of the cache
+/// begin that these blocks need, in the order of blocks.
 pub(in super::super) fn differences(
     picture: &[u8],
     places: &[[u32; SEGMENTS]],
     reference: &[[Segment; SEGMENTS]],
     blocks: &[u32],
+    lines: &[u32],
     sums: &mut [u16],
 ) {
-    let fetch = |block: &u32| {
-        for place in places.get(*block as usize).into_iter().flatten() {
-            let place = *place as usize;
-            kernel::fetch_far(picture.get(place..place + size_of::<Segment>()).unwrap_or_default());
-        }
-    };
-    blocks.iter().take(AHEAD).for_each(fetch);
-    for (i, block) in blocks.iter().enumerate() {
-        if let Some(later) = blocks.get(i + AHEAD) {
-            fetch(later);
-        }
+    let (first, mut later) = lines.split_at(AHEAD.min(lines.len()));
+    kernel::fetch_far_lines(picture, first);
+    // All blocks need about as many.
+    let each = lines.len().div_ceil(blocks.len().max(1));
+    for block in blocks {
+        let (now, rest) = later.split_at(each.min(later.len()));
+        kernel::fetch_far_lines(picture, now);
+        later = rest;
         let block = *block as usize;
         if let (Some(places), Some(reference), Some(sum)) = (places.get(block), reference.get(block), sums.get_mut(block)) {
             *sum = difference(picture, places, reference);
@@ -103,7 +102,7 @@ mod tests {
         copy(&before, &places, &mut reference);
         let mut sums = vec![0; 20];
         let blocks: Vec<u32> = (0..20).filter(|block| block % 7 != 3).collect();
-        differences(&now, &places, &reference, &blocks, &mut sums);
+        differences(&now, &places, &reference, &blocks, &[0, 64, 128], &mut sums);
         for (block, (sum, places)) in sums.iter().zip(&places).enumerate() {
             if block % 7 == 3 {
                 assert_eq!(*sum, 0);
