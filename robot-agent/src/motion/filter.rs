@@ -5,10 +5,12 @@
 //! deviations, and asking for *half* of the window keeps edges where they are (it is the binary median), so bodies are
 //! found whole without growing.
 //!
-//! The counts are kept in planes: plane p holds bit p of the count of each pixel, 64 pixels a word (see `kernel::planes`).
+//! The counts are kept in planes: plane p holds bit p of the count of each pixel, 64 pixels a word (see `kernel::planes`). Bodies are
+//! higher than wide, and most of a picture is empty: so words are worked several rows at a time, those one below the other, where
+//! anything is near them.
 
-use super::kernel::{self, COLUMN_PLANES, PLANES};
-use super::marks::{Marks, WORD, bits_between};
+use super::kernel::{self, Counts, PLANES, ROWS};
+use super::marks::{Marks, WORD};
 use super::raster::Raster;
 
 /// Windowed majority with its working memory.
@@ -17,154 +19,121 @@ pub(crate) struct Majority {
     raster: Raster,
     reach: [usize; 2],
     stride: usize,
-    /// Least number of marks in the window of each pixel: half of the window's valid pixels, rounded up. In planes, rows that
-    /// are the same in the picture stored once.
+    /// Least number of marks in the window of each pixel: half of the window's valid pixels, rounded up. In planes, columns of words
+    /// that are the same stored once.
     need: Vec<u64>,
-    /// Where in `need` a row's planes begin.
-    need_of_row: Vec<usize>,
-    /// Marks in the window's rows, a column each, in planes of `stride` + 2 words: a word before and one after.
+    /// Where in `need` the planes of a column of words begin.
+    need_of_column: Vec<usize>,
+    /// Of a column of words: whether marks in its neighbours are never enough for any of its pixels.
+    alone: Vec<bool>,
+    /// Marks, column of words by column, as [`kernel::majority`] reads them.
     columns: Vec<u64>,
-    zeros: Vec<u64>,
-    /// Whether rows have marks ([`ANY`]), and some so near the seam that windows reach over it ([`AT_SEAM`]).
-    rows: Vec<u8>,
+    counts: Counts,
 }
-
-const ANY: u8 = 1;
-const AT_SEAM: u8 = 2;
 
 impl Majority {
     /// For windows of (2·reach[0] + 1) × (2·reach[1] + 1) pixels, each reach at most 5; `valid` is 0 or 1.
     pub(crate) fn new(raster: Raster, reach: [usize; 2], valid: &[u8]) -> Self {
-        let stride = raster.width.div_ceil(WORD);
+        let Raster { width, height, .. } = raster;
+        let stride = width.div_ceil(WORD);
         let mut majority = Self {
             raster,
             reach,
             stride,
             need: Vec::new(),
-            need_of_row: Vec::new(),
-            columns: vec![0; COLUMN_PLANES * (stride + 2)],
-            zeros: vec![0; stride],
-            rows: Vec::with_capacity(raster.height),
+            need_of_column: Vec::new(),
+            alone: vec![true; stride],
+            columns: vec![0; (stride + 2) * kernel::pitch(height)],
+            counts: Counts::new(stride, height),
         };
-        let mut before = Vec::new();
-        let mut sums = vec![0u32; raster.width];
-        for y in 0..raster.height {
+        let rows = height.next_multiple_of(ROWS);
+        let mut needs = vec![0u64; stride * PLANES * rows];
+        let mut sums = vec![0u32; width];
+        for y in 0..height {
             sums.fill(0);
-            for row in y.saturating_sub(reach[1])..(y + reach[1] + 1).min(raster.height) {
-                for (s, &v) in sums.iter_mut().zip(&valid[row * raster.width..]) {
+            for row in y.saturating_sub(reach[1])..(y + reach[1] + 1).min(height) {
+                for (s, &v) in sums.iter_mut().zip(&valid[row * width..]) {
                     *s += u32::from(v);
                 }
             }
-            let need = majority.need_of(&sums);
+            let lines = (y + reach[1] + 1).min(height) - y.saturating_sub(reach[1]);
+            majority.add_needs(&sums, lines, &mut needs[y..], rows);
+        }
+        let mut before: &[u64] = &[];
+        for need in needs.chunks_exact(PLANES * rows) {
             if need != before {
-                majority.need_of_row.push(majority.need.len());
-                majority.need.extend_from_slice(&need);
+                majority.need_of_column.push(majority.need.len());
+                majority.need.extend_from_slice(need);
                 before = need;
             } else {
-                majority.need_of_row.push(majority.need.len() - need.len());
+                majority.need_of_column.push(majority.need.len() - need.len());
             }
         }
         majority
     }
 
-    /// The needs of a row in planes, from the valid pixels of the window's rows in each column.
-    fn need_of(&self, sums: &[u32]) -> Vec<u64> {
+    /// Adds the needs of a row to planes of words `pitch` apart, from the valid pixels of the window's `lines` rows in each column. Columns
+    /// beyond the last need what none has.
+    fn add_needs(&mut self, sums: &[u32], lines: usize, planes: &mut [u64], pitch: usize) {
         let width = self.raster.width as isize;
         let reach = self.reach[0] as isize;
-        let mut planes = vec![0u64; PLANES * self.stride];
-        for x in 0..width {
+        for x in 0..(self.stride * WORD) as isize {
             let window = (x - reach..=x + reach)
                 .map(|column| if self.raster.wraps { column.rem_euclid(width) } else { column })
                 .filter(|column| (0..width).contains(column));
-            let need = window.map(|column| sums[column as usize]).sum::<u32>() / 2 + 1;
+            let need =
+                if x < width { window.map(|column| sums[column as usize]).sum::<u32>() / 2 + 1 } else { u32::MAX };
             let (word, bit) = (x as usize / WORD, x as usize % WORD);
+            let others = (reach as usize).saturating_sub(bit) + (bit + reach as usize).saturating_sub(WORD - 1);
+            self.alone[word] &= need as usize > others * lines;
             for p in 0..PLANES {
-                planes[p * self.stride + word] |= u64::from(need >> p & 1) << bit;
+                planes[(word * PLANES + p) * pitch] |= u64::from(need >> p & 1) << bit;
             }
         }
-        planes
     }
 
     /// Bytes held.
     pub(crate) fn memory_bytes(&self) -> usize {
-        [&self.need, &self.columns, &self.zeros].map(|v| size_of_val(&**v)).iter().sum::<usize>()
-            + size_of_val(&*self.need_of_row)
-            + self.rows.capacity()
+        [&self.need, &self.columns].map(|v| size_of_val(&**v)).iter().sum::<usize>()
+            + size_of_val(&*self.need_of_column)
+            + self.alone.len()
+            + self.counts.memory_bytes()
     }
 
     /// `out` is marked where more than half of the window's valid pixels are.
     pub(super) fn apply(&mut self, marks: &Marks, out: &mut Marks) {
+        self.turn(marks);
+        let Self { raster, reach, need, need_of_column, alone, columns, counts, .. } = self;
+        let needs = kernel::Needs { planes: need, of_column: need_of_column, alone };
+        kernel::majority(columns, raster.height, *reach, needs, counts, out.words_mut());
+    }
+
+    /// Takes marks column of words by column; on a ring the columns at each end of a row go beyond the other, too.
+    fn turn(&mut self, marks: &Marks) {
         let Raster { width, height, wraps } = self.raster;
-        let [rx, ry] = self.reach;
-        let stride = self.stride;
-        self.columns.fill(0);
-        look_at_rows(marks.words(), width, rx, &mut self.rows);
-        for y in 0..ry.min(height) {
-            kernel::slide_counts(marks.row(y), &self.zeros, &mut self.columns);
-        }
-        for y in 0..height {
-            let window = y.saturating_sub(ry + 1)..(y + ry + 1).min(height);
-            let found = self.rows[window].iter().fold(0, |found, row| found | row);
-            // Nothing in the window, and nothing leaves it.
-            if found == 0 {
-                out.words_mut()[y * stride..][..stride].fill(0);
+        let (pitch, stride, reach) = (kernel::pitch(height), self.stride, self.reach[0]);
+        let (last, columns) = (width % WORD, &mut self.columns);
+        for (y, row) in marks.words().chunks_exact(stride).enumerate() {
+            let y = ROWS + y;
+            for (word, column) in row.iter().zip(columns.chunks_exact_mut(pitch).skip(1)) {
+                column[y] = *word;
+            }
+            if !wraps {
                 continue;
             }
-            let enter = if y + ry < height { marks.row(y + ry) } else { &self.zeros };
-            let leave = if y > ry { marks.row(y - ry - 1) } else { &self.zeros };
-            kernel::slide_counts(enter, leave, &mut self.columns);
-            let closed = wraps && found & AT_SEAM != 0;
-            if closed {
-                self.columns.chunks_exact_mut(stride + 2).for_each(|plane| close_ring(plane, width, rx));
-            }
-            let need = &self.need[self.need_of_row[y]..][..PLANES * stride];
-            let row = &mut out.words_mut()[y * stride..][..stride];
-            kernel::majority_of_counts(&self.columns, 2 * ry + 1, rx, need, row);
-            if !width.is_multiple_of(WORD) {
-                row[stride - 1] &= (1 << (width % WORD)) - 1;
-            }
-            if closed {
-                self.columns.chunks_exact_mut(stride + 2).for_each(|plane| open_ring(plane, width));
-            }
+            let first = row[0] & ((1 << reach) - 1);
+            let ends = if last == 0 {
+                row[stride - 1]
+            } else {
+                // The last columns may begin in the word before.
+                let before = if stride > 1 { row[stride - 2] >> last } else { 0 };
+                row[stride - 1] << (WORD - last) | before
+            };
+            columns[y] = ends >> (WORD - reach) << (WORD - reach);
+            let [in_last, after] = if last == 0 { [0, first] } else { [first << last, first >> (WORD - last)] };
+            columns[stride * pitch + y] |= in_last;
+            columns[(stride + 1) * pitch + y] = after;
         }
-    }
-}
-
-kernel::wide! {
-/// What rows of marks have.
-fn look_at_rows(marks: &[u64], width: usize, reach: usize, rows: &mut Vec<u8>) {
-    let words = width.div_ceil(WORD);
-    let (first, last) = (bits_between(0, 0, reach), bits_between(words - 1, width.saturating_sub(reach), width));
-    // The last columns may begin in the word before.
-    let before = words.saturating_sub(2);
-    let before_last = if words > 1 { bits_between(before, width.saturating_sub(reach), width) } else { 0 };
-    rows.clear();
-    rows.extend(marks.chunks_exact(words).map(|row| {
-        let any = row.iter().fold(0, |any, word| any | word) != 0;
-        let at_seam = (row[0] & first) | (row[words - 1] & last) | (row[before] & before_last) != 0;
-        (u8::from(any) * ANY) | (u8::from(at_seam) * AT_SEAM)
-    }));
-}
-}
-
-/// Copies the last `reach` columns before the first one and the first ones behind the last one. `row` has a word before and one after
-/// its columns.
-fn close_ring(row: &mut [u64], width: usize, reach: usize) {
-    let bit = |row: &[u64], x: usize| row[1 + x / WORD] >> (x % WORD) & 1;
-    for k in 0..reach {
-        row[0] |= bit(row, width - reach + k) << (WORD - reach + k);
-        let x = width + k;
-        row[1 + x / WORD] |= bit(row, k) << (x % WORD);
-    }
-}
-
-/// Takes away what [`close_ring`] wrote.
-fn open_ring(row: &mut [u64], width: usize) {
-    row[0] = 0;
-    let words = width.div_ceil(WORD);
-    row[1 + words] = 0;
-    if !width.is_multiple_of(WORD) {
-        row[words] &= (1 << (width % WORD)) - 1;
     }
 }
 

@@ -29,7 +29,7 @@ pub use learn::{Counting, KEEP, LEARN, LEARN_SLOWLY, Looks, count_looks, learn};
 pub use mark::{Compared, INDOOR_NOISE_MAX, Layers, Marked, NOISE_MAX, known_look, mark_changes};
 pub use median::median;
 pub use most::{ALIKE, MOST_FRAMES, more_often_seen};
-pub use planes::{COLUMN_PLANES, PLANES, majority_of_counts, slide_counts};
+pub use planes::{Counts, Needs, PLANES, ROWS, majority, pitch};
 pub use products::products_by_fours;
 pub(crate) use runs::{
     BLOCK as RUN_BLOCK, add_to_cells, add_to_columns, add_to_rows, count_differences, count_not_darker, fill_runs,

@@ -3,96 +3,194 @@
 use super::wide;
 
 /// Planes of a count of marks in the rows of a window, a column each: at most 11.
-pub const COLUMN_PLANES: usize = 4;
+const COLUMN_PLANES: usize = 4;
 /// Planes of a count of marks in a window: at most 121.
 pub const PLANES: usize = 7;
+/// Rows of a word that are worked together: as many as the widest registers hold.
+pub const ROWS: usize = 8;
+
+/// Of a picture's height: words from one column of words to the next, [`ROWS`] of them before the first row and as many after the last.
+pub fn pitch(height: usize) -> usize {
+    height.next_multiple_of(ROWS) + 2 * ROWS
+}
+
+/// What [`majority`] asks for.
+#[derive(Debug, Clone, Copy)]
+pub struct Needs<'a> {
+    /// Least marks in the window of each pixel, above 0: [`PLANES`] planes, each a column of words of the picture's height and up to a
+    /// multiple of [`ROWS`], for each column of words that is not as the one before.
+    pub planes: &'a [u64],
+    /// Where those of a column of words begin.
+    pub of_column: &'a [usize],
+    /// Of a column of words: whether marks in others are never enough for any of its pixels.
+    pub alone: &'a [bool],
+}
+
+/// Working memory of [`majority`].
+#[derive(Debug, Clone)]
+pub struct Counts {
+    /// Of each column of words, in planes: marks in the window's rows, a column of pixels each.
+    planes: Vec<u64>,
+    /// Of each column of words: whether [`ROWS`] rows have any.
+    any: Vec<bool>,
+    enough: Vec<u64>,
+}
+
+impl Counts {
+    /// For so many columns of words, those over the seam not counted.
+    pub fn new(columns: usize, height: usize) -> Self {
+        let rows = height.next_multiple_of(ROWS);
+        let any = vec![false; (columns + 2) * rows / ROWS];
+        Self { planes: vec![0; (columns + 2) * COLUMN_PLANES * rows], any, enough: vec![0; rows] }
+    }
+
+    /// Bytes held.
+    pub fn memory_bytes(&self) -> usize {
+        size_of_val(&*self.planes) + size_of_val(&*self.any) + size_of_val(&*self.enough)
+    }
+}
+
 wide! {
-/// Counts down the columns: `counts += enter − leave`. `counts` has [`COLUMN_PLANES`] planes, each with a word more than `enter` has
-/// before and after.
-pub fn slide_counts(enter: &[u64], leave: &[u64], counts: &mut [u64]) {
-    let n = enter.len();
-    let leave = &leave[..n];
-    let (a, rest) = counts.split_at_mut(n + 2);
-    let (b, rest) = rest.split_at_mut(n + 2);
-    let (c, d) = rest.split_at_mut(n + 2);
-    let (a, b, c, d) = (&mut a[1..=n], &mut b[1..=n], &mut c[1..=n], &mut d[1..=n]);
-    for i in 0..n {
-        let (mut carry, mut borrow) = (enter[i] & !leave[i], leave[i] & !enter[i]);
-        for plane in [&mut a[i], &mut b[i], &mut c[i], &mut d[i]] {
-            let bits = *plane;
-            *plane = bits ^ carry ^ borrow;
-            (carry, borrow) = (bits & carry, !bits & borrow);
+/// Marks in `out`, `height` rows of words, where the window of 2·`reach` + 1 columns and rows has enough marks; each reach from 1 to 5. Of
+/// `marks` the words of a column lie one below the other, [`pitch`] apart the columns, zeros before and after; a column goes before the
+/// first one and one after the last: what lies over the seam.
+pub fn majority(marks: &[u64], height: usize, reach: [usize; 2], needs: Needs<'_>, counts: &mut Counts, out: &mut [u64]) {
+    count_rows(marks, height, reach[1], counts);
+    // The window that is usual has loops of its own.
+    match reach {
+        [2, ..=3] => majority_of::<2, 3>(height, needs, counts, out),
+        [1, _] => majority_of::<1, 4>(height, needs, counts, out),
+        [2, _] => majority_of::<2, 4>(height, needs, counts, out),
+        [3, _] => majority_of::<3, 4>(height, needs, counts, out),
+        [4, _] => majority_of::<4, 4>(height, needs, counts, out),
+        _ => majority_of::<5, 4>(height, needs, counts, out),
+    }
+}
+}
+
+/// Neighbours that are alike: from the first of a range on at which something is, the end of those at which it is.
+#[inline(always)]
+fn next_run(from: usize, end: usize, is_there: impl Fn(usize) -> bool) -> Option<(usize, usize)> {
+    let first = (from..end).find(|i| is_there(*i))?;
+    Some((first, (first + 1..end).find(|i| !is_there(*i)).unwrap_or(end)))
+}
+
+/// Counts marks in the rows up to `reach` above and below each.
+#[inline(always)]
+fn count_rows(marks: &[u64], height: usize, reach: usize, counts: &mut Counts) {
+    let groups = height.div_ceil(ROWS);
+    let rows = groups * ROWS;
+    let planes = counts.planes.chunks_exact_mut(COLUMN_PLANES * rows).zip(counts.any.chunks_exact_mut(groups));
+    for (column, (planes, any)) in marks.chunks_exact(pitch(height)).zip(planes) {
+        for (group, any) in any.iter_mut().enumerate() {
+            // Most of a picture has none in its window.
+            let near = &column[(group + 1) * ROWS - reach..][..ROWS + 2 * reach];
+            let mut all = [0; ROWS];
+            for from in [0, reach, 2 * reach] {
+                all.iter_mut().zip(&near[from..][..ROWS]).for_each(|(all, word)| *all |= word);
+            }
+            let before = std::mem::replace(any, all.iter().fold(0, |any, word| any | word) != 0);
+            if before && !*any {
+                planes.chunks_exact_mut(rows).for_each(|plane| plane[group * ROWS..][..ROWS].fill(0));
+            }
+        }
+        let (ones, others) = planes.split_at_mut(rows);
+        let (twos, others) = others.split_at_mut(rows);
+        let (fours, eights) = others.split_at_mut(rows);
+        let mut end = 0;
+        while let Some((first, last)) = next_run(end, groups, |group| any[group]) {
+            end = last;
+            let rows = first * ROWS..last * ROWS;
+            let (ones, twos) = (&mut ones[rows.clone()], &mut twos[rows.clone()]);
+            let (fours, eights) = (&mut fours[rows.clone()], &mut eights[rows.clone()]);
+            let n = rows.len();
+            let words = &column[ROWS + rows.start - reach..][..n + 2 * reach];
+            if reach == 3 {
+                let (twos, fours, words) = (&mut twos[..n], &mut fours[..n], &words[..n + 6]);
+                for k in 0..n {
+                    let (s, c0) = three(words[k], words[k + 1], words[k + 2]);
+                    let (t, c1) = three(words[k + 3], words[k + 4], words[k + 5]);
+                    let (one, c2) = three(s, t, words[k + 6]);
+                    ones[k] = one;
+                    (twos[k], fours[k]) = three(c0, c1, c2);
+                }
+                continue;
+            }
+            for plane in [&mut *ones, &mut *twos, &mut *fours, &mut *eights] {
+                plane.fill(0);
+            }
+            for by in 0..=2 * reach {
+                let planes = ones.iter_mut().zip(&mut *twos).zip(fours.iter_mut().zip(&mut *eights));
+                for (word, ((one, two), (four, eight))) in words[by..].iter().zip(planes) {
+                    let mut carry = *word;
+                    for plane in [one, two, four, eight] {
+                        let bits = *plane;
+                        (*plane, carry) = (bits ^ carry, bits & carry);
+                    }
+                }
+            }
         }
     }
 }
-}
-
-wide! {
-/// Marks where the counts of 2·`reach` + 1 neighbouring columns together are at least `need`, for a reach of 1 to 5. `columns` as for
-/// [`slide_counts`], where no column counts more than `most`; `need` has [`PLANES`] planes as long as `out`.
-pub fn majority_of_counts(columns: &[u64], most: usize, reach: usize, need: &[u64], out: &mut [u64]) {
-    // The window that is usual has loops of its own.
-    match (reach, most) {
-        (2, ..=7) => majority::<2, 3>(columns, need, out),
-        (1, _) => majority::<1, 4>(columns, need, out),
-        (2, _) => majority::<2, 4>(columns, need, out),
-        (3, _) => majority::<3, 4>(columns, need, out),
-        (4, _) => majority::<4, 4>(columns, need, out),
-        _ => majority::<5, 4>(columns, need, out),
-    }
-}
-}
-
-/// Words that are worked together: as many as the widest registers hold. The last ones of a row begin sooner.
-const WORDS: usize = 8;
 
 #[inline(always)]
-fn majority<const REACH: usize, const COUNTED: usize>(columns: &[u64], need: &[u64], out: &mut [u64]) {
-    let n = out.len();
-    if n < WORDS {
-        return majority_of_words::<REACH, COUNTED>(columns, n + 2, need, n, out);
-    }
-    let mut first = 0;
-    while first < n {
-        let from = first.min(n - WORDS);
-        let Some(out) = out[from..].first_chunk_mut::<WORDS>() else { return };
-        majority_of_words::<REACH, COUNTED>(&columns[from..], n + 2, &need[from..], n, out);
-        first += WORDS;
+fn majority_of<const REACH: usize, const COUNTED: usize>(
+    height: usize,
+    needs: Needs<'_>,
+    counts: &mut Counts,
+    out: &mut [u64],
+) {
+    out.fill(0);
+    let (stride, groups) = (needs.of_column.len(), height.div_ceil(ROWS));
+    let rows = groups * ROWS;
+    let Counts { planes, any, enough } = counts;
+    for (w, (need, alone)) in needs.of_column.iter().zip(needs.alone).enumerate() {
+        let any = &any[w * groups..][..3 * groups];
+        let planes = &planes[w * COLUMN_PLANES * rows..][..3 * COLUMN_PLANES * rows];
+        let mut end = 0;
+        let is_near = |group: usize| any[groups + group] | !alone & (any[group] | any[2 * groups + group]);
+        while let Some((first, last)) = next_run(end, groups, is_near) {
+            end = last;
+            let (first, n) = (first * ROWS, (last - first) * ROWS);
+            let enough = &mut enough[..n];
+            majority_of_rows::<REACH, COUNTED>(&planes[first..], &needs.planes[need + first..], rows, enough);
+            for (out, enough) in out[first * stride..].chunks_exact_mut(stride).zip(enough) {
+                out[w] = *enough;
+            }
+        }
     }
 }
 
-/// Some words of a row. Planes of columns begin `stride` words apart, those of needs `need_stride`.
-// Loops with fixed ends and no closures: all but the one over the words are unrolled, and that one is vectorised.
+/// Where the counts of 2·`REACH` + 1 neighbouring columns are at least what is needed, in some rows of a column of words. Its planes come
+/// after those of the one before, `pitch` apart; `COUNTED` of them count anything.
+// Loops with fixed ends and no closures: all but the one over the rows are unrolled, and that one is vectorised.
 #[inline(always)]
-fn majority_of_words<const REACH: usize, const COUNTED: usize>(
-    columns: &[u64],
-    stride: usize,
+fn majority_of_rows<const REACH: usize, const COUNTED: usize>(
+    planes: &[u64],
     need: &[u64],
-    need_stride: usize,
+    pitch: usize,
     out: &mut [u64],
 ) {
     let n = out.len();
-    let (a, b) = (&columns[..n + 2], &columns[stride..][..n + 2]);
-    let (c, d) = (&columns[2 * stride..][..n + 2], &columns[3 * stride..][..n + 2]);
-    let (need0, need1, need2) = (&need[..n], &need[need_stride..][..n], &need[2 * need_stride..][..n]);
-    let (need3, need4) = (&need[3 * need_stride..][..n], &need[4 * need_stride..][..n]);
-    let (need5, need6) = (&need[5 * need_stride..][..n], &need[6 * need_stride..][..n]);
-    for w in 0..n {
+    let plane = |column: usize, p: usize| &planes[(column * COLUMN_PLANES + p) * pitch..][..n];
+    let [a0, a1, a2] = [plane(0, 0), plane(1, 0), plane(2, 0)];
+    let [b0, b1, b2] = [plane(0, 1), plane(1, 1), plane(2, 1)];
+    let [c0, c1, c2] = [plane(0, 2), plane(1, 2), plane(2, 2)];
+    let [d0, d1, d2] = [plane(0, 3), plane(1, 3), plane(2, 3)];
+    let (need0, need1, need2) = (&need[..n], &need[pitch..][..n], &need[2 * pitch..][..n]);
+    let (need3, need4) = (&need[3 * pitch..][..n], &need[4 * pitch..][..n]);
+    let (need5, need6) = (&need[5 * pitch..][..n], &need[6 * pitch..][..n]);
+    for k in 0..n {
         // The word before, the word itself and the one after, of each plane that counts anything.
-        let mut words = [
-            [a[w], a[w + 1], a[w + 2]],
-            [b[w], b[w + 1], b[w + 2]],
-            [c[w], c[w + 1], c[w + 2]],
-            [d[w], d[w + 1], d[w + 2]],
-        ];
+        let mut words = [[a0[k], a1[k], a2[k]], [b0[k], b1[k], b2[k]], [c0[k], c1[k], c2[k]], [d0[k], d1[k], d2[k]]];
         words[COUNTED..].fill([0; 3]);
         let sum = if REACH == 2 && COUNTED == 3 { sum_of_five(words) } else { sum_of::<REACH>(words) };
-        let need = [need0[w], need1[w], need2[w], need3[w], need4[w], need5[w], need6[w]];
+        let need = [need0[k], need1[k], need2[k], need3[k], need4[k], need5[k], need6[k]];
         let mut enough = u64::MAX;
         for p in 0..PLANES {
             enough = (sum[p] & !need[p]) | (!(sum[p] ^ need[p]) & enough);
         }
-        out[w] = enough;
+        out[k] = enough;
     }
 }
 

@@ -129,13 +129,22 @@ fn everything(seed: u64) -> Vec<Vec<u64>> {
         }
         all_trimmed.extend(trimmed);
     }
-    let mut counts = vec![0; COLUMN_PLANES * (WORDS + 2)];
-    for _ in 0..3 {
-        slide_counts(&faint, &strong, &mut counts);
+    let (height, words) = (9 + (seed % 9) as usize, 3);
+    let a_column = PLANES * height.next_multiple_of(ROWS);
+    let planes: Vec<u64> = (0..2 * a_column).map(|_| rng.next_u64()).collect();
+    let mut columns = vec![0; (words + 2) * pitch(height)];
+    let (mut counts, mut enough) = (Counts::new(words, height), vec![7; words * height]);
+    let reach = [1 + seed as usize % 5, [3, 2, 5][seed as usize % 3]];
+    let needs = Needs { planes: &planes, of_column: &[0, a_column, a_column], alone: &[true, false, true] };
+    // What was counted once and is no longer there leaves nothing.
+    for some in [3, 2] {
+        for column in columns.chunks_exact_mut(pitch(height)) {
+            let any = rng.next_u32() % 4 < some;
+            column[ROWS..ROWS + height].iter_mut().for_each(|word| *word = if any { rng.next_u64() } else { 0 });
+        }
+        majority(&columns, height, reach, needs, &mut counts, &mut enough);
     }
-    let (need, mut majority) = ((0..PLANES * WORDS).map(|_| rng.next_u64()).collect::<Vec<_>>(), vec![0; WORDS]);
-    majority_of_counts(&counts, 3 + (seed % 9) as usize, 2, &need, &mut majority);
-    let mut all = vec![known, faint, strong, counts, majority];
+    let mut all = vec![known, faint, strong, enough];
     all.push(vec![u64::from(exchanged), forgiven]);
     all.push(all_trimmed);
     let (steps, deviations) = compare_steps(&current, &level, &noise);
