@@ -150,6 +150,9 @@ const LEAST_SUPPORT_OF_FEET: f64 = 0.7;
 /// A figure that has not moved for so long stands and is kept out of the background, seconds; where people walk, the
 /// background may go on to learn between them.
 const STANDS_S: f64 = 0.3;
+/// The same of one beside whom others move, so that what he is seen in moves. Sooner, and what the first frames took for background
+/// beside and behind him stays for so much longer.
+const STAYS_S: f64 = 3.0;
 /// Of a body's box: the least that may be all that is seen of it.
 const LEAST_SHARE: f64 = 0.15;
 /// A track that has never come anywhere and does not move is none after so long, seconds.
@@ -658,7 +661,9 @@ impl Tracker {
                 release.push(patch);
             } else if now.seconds_since(track.seen) <= 1.0
                 && track.has_come()
-                && (self.figures.is_none() || now.seconds_since(track.moved) > STANDS_S)
+                && (self.figures.is_none()
+                    || now.seconds_since(track.moved) > STANDS_S
+                    || track.stayed_s(now) > STAYS_S)
             {
                 keep.push(patch);
             }

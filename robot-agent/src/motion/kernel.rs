@@ -114,7 +114,7 @@ pub fn level() -> &'static str {
 }
 
 /// Bytes of a line of the cache.
-pub(crate) const LINE: usize = 64;
+const LINE: usize = 64;
 
 /// Fetches values into the first-level cache: for what will be needed soon, and does not lie in one piece. Of values that begin within
 /// a line the last line may be left out.
@@ -150,6 +150,14 @@ pub(crate) fn fetch_far_lines(values: &[u8], lines: &[u32]) {
     }
     #[cfg(not(target_arch = "x86_64"))]
     let _ = (values, lines);
+}
+
+/// Where the lines of the cache begin, in order, that pieces of so many bytes, at most a line's, lie on.
+pub(crate) fn lines_of(starts: impl Iterator<Item = u32>, bytes: u32) -> impl Iterator<Item = u32> {
+    let line = LINE as u32;
+    let lines: std::collections::BTreeSet<u32> =
+        starts.flat_map(|start| [start, start + bytes - 1]).map(|at| at / line).collect();
+    lines.into_iter().map(move |at| at * line)
 }
 
 #[cfg(target_arch = "x86_64")]

@@ -81,7 +81,8 @@ impl Watch {
                 add_blocks(&segments(lut, columns, rows, source), &mut places);
                 cells.push(first..places.len());
                 let first_line = lines.len();
-                lines.extend(lines_of(&places[first..]));
+                let starts = places[first..].iter().flatten().copied();
+                lines.extend(crate::motion::kernel::lines_of(starts, LENGTH as u32));
                 cell_lines.push(first_line..lines.len());
             }
         }
@@ -274,14 +275,6 @@ fn segments(lut: &Lut, columns: Range<usize>, rows: Range<usize>, [stride, sourc
         segments.extend((0..n).map(|k| (start + k * LENGTH) as u32));
     }
     segments
-}
-
-/// Where the lines of the cache begin that blocks lie on.
-fn lines_of(places: &[[u32; SEGMENTS]]) -> impl Iterator<Item = u32> {
-    let line = crate::motion::kernel::LINE as u32;
-    let ends = places.iter().flatten().flat_map(|place| [*place, place + LENGTH as u32 - 1]);
-    let lines: std::collections::BTreeSet<u32> = ends.map(|at| at / line).collect();
-    lines.into_iter().map(move |at| at * line)
 }
 
 /// Adds whole blocks; the last one has some of the cell's other segments once more.

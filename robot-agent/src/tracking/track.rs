@@ -93,6 +93,8 @@ pub(super) struct Track {
     pub(super) gone: f64,
     pub(super) seen: Timestamp,
     pub(super) moved: Timestamp,
+    /// Where it stays, and since when: others who pass it move, it does not.
+    stays: (f64, Timestamp),
     /// Since when it has been in groups without a break.
     pub(super) merged_since: Option<Timestamp>,
     /// Width of the group it was in when it was last seen there.
@@ -232,6 +234,7 @@ impl Track {
             gone: 0.0,
             seen: now,
             moved: now,
+            stays: (s.axis, now),
             merged_since: None,
             group_width: 0.0,
             turning_point: None,
@@ -347,7 +350,7 @@ impl Track {
         let aside = raster.column_difference(self.axis, self.born_at).abs();
         self.travelled = self.travelled.max(aside);
         self.solid_hits = self.solid_hits.saturating_add(u32::from(s.solid && s.alone));
-        self.note_seen(s.moves, now);
+        self.note_seen(s.moves, now, raster);
     }
 
     /// The time goes on.
@@ -404,7 +407,7 @@ impl Track {
         self.supported = now;
         self.travelled = self.travelled.max(raster.column_difference(self.axis, self.born_at).abs());
         self.gone = self.gone.max(self.travelled.hypot(found.y - self.born_row));
-        self.note_seen(moves, now);
+        self.note_seen(moves, now, raster);
     }
 
     /// Seen in a group.
@@ -445,7 +448,7 @@ impl Track {
             self.turning_point = Some(now);
         }
         self.state = TrackState::Merged;
-        self.note_seen(true, now);
+        self.note_seen(true, now, raster);
     }
 
     /// Not seen.
@@ -464,7 +467,10 @@ impl Track {
         self.behind = true;
     }
 
-    fn note_seen(&mut self, moves: bool, now: Timestamp) {
+    fn note_seen(&mut self, moves: bool, now: Timestamp, raster: &Raster) {
+        if raster.column_difference(self.filter.column, self.stays.0).abs() > STAYS * self.trunk_width {
+            self.stays = (self.filter.column, now);
+        }
         self.hits += 1;
         self.misses = 0;
         self.behind = false;
@@ -473,6 +479,11 @@ impl Track {
             self.moved = now;
             self.moving_hits += 1;
         }
+    }
+
+    /// For how long it has stayed where it is, seconds.
+    pub(super) fn stayed_s(&self, now: Timestamp) -> f64 {
+        now.seconds_since(self.stays.1)
     }
 
     /// Whether it has been seen to move by its own breadth, or to stand out of the background for long: what has not may be the trace of
@@ -527,6 +538,8 @@ impl Track {
     }
 }
 
+/// Who goes aside by this part of the breadth of shoulders does not stay.
+const STAYS: f64 = 0.5;
 /// Support below which nothing speaks for a body in a group.
 const LEAST_SUPPORT: f64 = 0.1;
 

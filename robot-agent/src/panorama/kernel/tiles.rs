@@ -14,7 +14,7 @@
 //! With 128 taken away both sums fit 16 signed bits, so that AVX2 works on sixteen at a time and adds left and right up in one
 //! instruction.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeMap;
 use std::ops::Range;
 use std::sync::{Arc, Mutex};
 
@@ -209,7 +209,10 @@ impl Tiles {
                         Block { start: start as u32, at: at as u32 }
                     }));
                 }
-                self.lines.extend(lines_of(&self.blocks[first_block..], stride));
+                // The blocks', and the pixels' below them.
+                let starts =
+                    self.blocks[first_block..].iter().flat_map(|block| [block.start, block.start + stride as u32]);
+                self.lines.extend(kernel::lines_of(starts, BLOCK as u32));
                 pieces.push(Piece { blocks: first_block..self.blocks.len(), lines: first_line..self.lines.len() });
             }
         }
@@ -284,14 +287,6 @@ fn in_eight_bits(entry: LutEntry, [stride, rows]: [usize; 2]) -> Option<(u32, u1
 /// Where the weights of a pixel are: AVX2 works in halves, one of pixels 0 … 3 and 8 … 11, the other of 4 … 7 and 12 … 15.
 const fn weight_place(i: usize) -> usize {
     i & !12 | (i & 4) << 1 | (i & 8) >> 1
-}
-
-/// Where the lines of the cache begin that blocks lie on, and the pixels below them.
-fn lines_of(blocks: &[Block], stride: usize) -> impl Iterator<Item = u32> {
-    let line = kernel::LINE as u32;
-    let rows = blocks.iter().flat_map(|block| [block.start, block.start + stride as u32]);
-    let lines: BTreeSet<u32> = rows.flat_map(|start| [start, start + BLOCK as u32 - 1]).map(|at| at / line).collect();
-    lines.into_iter().map(move |at| at * line)
 }
 
 /// All tiles, one after the other.

@@ -215,3 +215,23 @@ fn who_stands_is_followed_where_the_others_surely_see_him_and_not_for_a_guess() 
     let (sure, guessed, alone) = (frames_followed(Some(0.15)), frames_followed(Some(0.6)), frames_followed(None));
     assert!(sure > 50 && guessed == 0 && alone == 0, "{sure} {guessed} {alone}");
 }
+
+#[test]
+fn who_stands_while_others_pass_behind_him_is_kept_out_of_the_background() {
+    let mut room = Room::new([-15.0, 20.0]);
+    let mut tracker = Tracker::new(room.raster, room.view.clone(), TrackerSettings::default());
+    for frame in 0..90 {
+        let t = 0.1 * f64::from(frame);
+        let stands = person(20.0 - 10.0 * t.min(2.0), 2.0);
+        // To and fro, and never apart from him: what the two are in moves.
+        let passes = Person { gray: 170, ..person(6.0 * (2.0 * t).sin(), 3.0) };
+        room.look(&[stands, passes]);
+        room.track(&mut tracker, &room.objects(|_| true), t);
+        let column = room.geometry.column_of_bearing(stands.bearing);
+        let kept = tracker.holds().keep.iter().any(|p| {
+            let middle = p.arc.start as f64 + 0.5 * p.arc.width as f64;
+            room.raster.column_difference(middle, column).abs() < 0.2 * p.arc.width as f64
+        });
+        assert!(t < 6.0 || kept, "after {t:.1} s: {:?}", tracker.holds().keep);
+    }
+}
