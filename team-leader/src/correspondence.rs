@@ -59,8 +59,6 @@ const MERGED_SPREAD: f64 = 0.3;
 const BIRTHS_OFTENER: u32 = 5;
 /// Updates after which a target is believed.
 const CONFIRMED_UPDATES: u32 = 6;
-/// Nats by which a target must explain its tracks better than clutter before it is shown: few wrong pairs of tracks get there.
-const SHOWN_SCORE: f64 = 15.0;
 /// What a robot followed this long ago it still follows, seconds.
 const PRESENT_S: f64 = 0.3;
 /// A target counts as seen by a robot for so long after its last bearing, seconds.
@@ -286,15 +284,9 @@ impl Follower {
 }
 
 impl Followed {
-    /// Whether it is believed: measured often enough, and seen by two robots at a time.
+    /// Whether it may be shown: believed and seen by two robots. Whether its place is sure enough [`Self::published_covariance`] says.
     pub fn is_confirmed(&self) -> bool {
         self.state.updates >= CONFIRMED_UPDATES && self.state.two_robots
-    }
-
-    /// Whether it may be shown: believed, and far better an explanation than clutter. Whether its place is sure enough
-    /// [`Self::published_covariance`] says.
-    pub fn may_be_shown(&self) -> bool {
-        self.is_confirmed() && self.state.score >= SHOWN_SCORE
     }
 
     /// [`Self::covariance`] where it is small enough for the place to be published.

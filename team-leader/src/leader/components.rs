@@ -89,9 +89,9 @@ impl Component {
         self.follow_changes(&changes, at);
     }
 
-    /// Targets that are believed and may be shown.
-    pub fn shown(&self) -> impl Iterator<Item = &Followed> {
-        self.follower.targets().iter().filter(|followed| followed.may_be_shown())
+    /// Targets that are believed.
+    pub fn confirmed(&self) -> impl Iterator<Item = &Followed> {
+        self.follower.targets().iter().filter(|followed| followed.is_confirmed())
     }
 }
 
@@ -205,7 +205,7 @@ impl Leader {
     fn hand_over_numbers(&mut self, from: usize, to: usize, to_from_from: Pose2, at: Timestamp) {
         let (old, new) = (self.components[from].serial, self.components[to].serial);
         let targets: Vec<(TargetId, Vector2<f64>, Vector2<f64>)> = self.components[from]
-            .shown()
+            .confirmed()
             .map(|followed| (followed.id, followed.state.target.position(), followed.state.target.velocity()))
             .collect();
         for (id, position, velocity) in targets {
@@ -292,7 +292,7 @@ impl Leader {
     pub(super) fn own_targets(&self, at: Timestamp) -> Vec<Own> {
         let of = |component: &Component| {
             let serial = component.serial;
-            let own = component.shown().map(move |followed| {
+            let own = component.confirmed().map(move |followed| {
                 let (target, ahead_s) = (&followed.state.target, at.seconds_since(followed.state.last));
                 let position = target.position() + target.velocity() * ahead_s.clamp(-0.5, 0.5);
                 Own { id: (serial, followed.id), position, velocity: target.velocity() }

@@ -114,7 +114,7 @@ impl Leader {
         }
         self.components[home].guide.last_sample = Some(now);
         let component = &mut self.components[home];
-        let people: Vec<_> = component.shown().map(|followed| followed.state.target.position()).collect();
+        let people: Vec<_> = component.confirmed().map(|followed| followed.state.target.position()).collect();
         let samples = &mut component.guide.samples;
         for position in people {
             if samples.len() >= MAX_SAMPLES {

@@ -52,7 +52,7 @@ impl Leader {
         let body_from_team = pose.inverse();
         let needed = calibrator.stations().filter(|(r, _)| *r != robot).count().clamp(1, OTHERS);
         let mut near: Vec<(f64, Neighbour)> = component
-            .shown()
+            .confirmed()
             .filter_map(|followed| {
                 let own_track = followed.state.observers_at(at).find(|o| o.robot == robot).map(|o| o.track);
                 let others = followed.state.observers_at(at).filter(|o| o.robot != robot).count();

@@ -95,7 +95,7 @@ pub fn build(robots: &[RobotFacts], components: &[Component], config: &LeaderCor
         targets: in_order
             .iter()
             .flat_map(|(component, placed)| {
-                component.shown().filter_map(|f| target_entry(f, placed, robots, component, config, stamp))
+                component.confirmed().filter_map(|f| target_entry(f, placed, robots, component, config, stamp))
             })
             .take(protocol::message::map::MAX_TARGETS)
             .collect(),
