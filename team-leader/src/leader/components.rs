@@ -93,6 +93,11 @@ impl Component {
     pub fn confirmed(&self) -> impl Iterator<Item = &Followed> {
         self.follower.targets().iter().filter(|followed| followed.is_confirmed())
     }
+
+    /// Those of them that the team map shows.
+    pub fn shown(&self) -> impl Iterator<Item = &Followed> {
+        self.follower.targets().iter().filter(|followed| followed.may_be_shown())
+    }
 }
 
 impl Leader {

@@ -95,7 +95,7 @@ pub fn build(robots: &[RobotFacts], components: &[Component], config: &LeaderCor
         targets: in_order
             .iter()
             .flat_map(|(component, placed)| {
-                component.confirmed().filter_map(|f| target_entry(f, placed, robots, component, config, stamp))
+                component.shown().filter_map(|f| target_entry(f, placed, robots, component, config, stamp))
             })
             .take(protocol::message::map::MAX_TARGETS)
             .collect(),
@@ -150,7 +150,7 @@ fn target_entry(
     target.predict(stamp);
     followed.published_covariance(calibrator, &config.targets)?;
     let position = target.position();
-    let own = target.own_covariance();
+    let own = followed.stated_share() * target.own_covariance();
     let ((top_m, top_var), top_seen) = target.top_m();
     let z_m = CENTRE_OF_TOP.0 * top_m;
     let z_var = CENTRE_OF_TOP.0.powi(2) * top_var + (CENTRE_OF_TOP.1 * top_m).powi(2);
