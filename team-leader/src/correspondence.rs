@@ -61,12 +61,6 @@ const BIRTHS_OFTENER: u32 = 5;
 const CONFIRMED_UPDATES: u32 = 6;
 /// Nats by which a target must explain its tracks better than clutter before it is shown: few wrong pairs of tracks get there.
 const SHOWN_SCORE: f64 = 15.0;
-/// Of who has touched nobody in any robot's view for so long, seconds, this share of the filter's variance is published. The filter
-/// takes errors to be alike for three frames, as they are while people touch; of who is apart they are for hardly two. Its own
-/// gates, and what agents are told, go by all of it: a filter that counts frames of those apart for more errs less, but makes
-/// agents and leader agree on wrong names for longer.
-const APART_S: f64 = 0.5;
-const APART_SHARE: f64 = 0.65;
 /// What a robot followed this long ago it still follows, seconds.
 const PRESENT_S: f64 = 0.3;
 /// A target counts as seen by a robot for so long after its last bearing, seconds.
@@ -307,12 +301,6 @@ impl Followed {
     pub fn published_covariance(&self, calibrator: &Calibrator, config: &TargetConfig) -> Option<Matrix2<f64>> {
         let covariance = self.covariance(calibrator);
         (covariance.symmetric_eigenvalues().max().sqrt() <= config.publish_below_m).then_some(covariance)
-    }
-
-    /// By how much the variance that is published is less than the filter's, for who is apart from all others.
-    pub fn stated_share(&self) -> f64 {
-        let apart = self.state.last.seconds_since(self.state.touched) > APART_S;
-        if apart { APART_SHARE } else { 1.0 }
     }
 
     /// Position covariance with the poses' part, m².

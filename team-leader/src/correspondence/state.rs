@@ -84,15 +84,6 @@ impl Seen {
         let var = config.bearing_var(sight.sigma_rad, range_m) * repeat + timing * timing;
         BearingFrom { robot: self.robot, pose: self.pose, bearing_rad: sight.bearing_rad, var, at: self.at }
     }
-
-    /// Whether the sight is with others in one region, or touches or covers another's.
-    fn touches(&self, sight: &Sight) -> bool {
-        let touching = |other: &Sight| {
-            let away = difference(other.bearing_rad, sight.bearing_rad).abs();
-            other.track != sight.track && away <= other.half_width_rad + sight.half_width_rad
-        };
-        sight.merged || self.sights.iter().any(touching)
-    }
 }
 
 /// The last bearing of an object by a robot.
@@ -121,14 +112,12 @@ pub struct State {
     pub two_robots: bool,
     /// How well it explains what it was given, against clutter, nats.
     pub score: f64,
-    /// When it was last seen touching others; its birth, if never.
-    pub touched: Timestamp,
 }
 
 impl State {
     /// Nothing was measured yet.
     pub fn new(target: Target, at: Timestamp) -> Self {
-        Self { target, observers: Vec::new(), last: at, updates: 0, two_robots: false, score: 0.0, touched: at }
+        Self { target, observers: Vec::new(), last: at, updates: 0, two_robots: false, score: 0.0 }
     }
 
     /// The robots that see it at `at`.
@@ -207,9 +196,6 @@ impl State {
         m.var *= stretch(d2);
         self.target.update(&m);
         self.two_robots |= !alone;
-        if seen.touches(sight) {
-            self.touched = self.touched.max(seen.at);
-        }
         self.last = self.last.max(seen.at);
         self.updates += 1;
         let now = ObservedBy { robot: seen.robot, track: sight.track, at: seen.at };

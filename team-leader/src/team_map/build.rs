@@ -150,7 +150,7 @@ fn target_entry(
     target.predict(stamp);
     followed.published_covariance(calibrator, &config.targets)?;
     let position = target.position();
-    let own = followed.stated_share() * target.own_covariance();
+    let own = target.own_covariance();
     let ((top_m, top_var), top_seen) = target.top_m();
     let z_m = CENTRE_OF_TOP.0 * top_m;
     let z_var = CENTRE_OF_TOP.0.powi(2) * top_var + (CENTRE_OF_TOP.1 * top_m).powi(2);
