@@ -29,6 +29,7 @@ mod told;
 mod track;
 mod view;
 
+use protocol::angle::wrap;
 use protocol::appearance::Appearance;
 use protocol::id::TrackId;
 use protocol::message::observation::MAX_TRACKS;
@@ -155,6 +156,11 @@ const STANDS_S: f64 = 0.3;
 const STAYS_S: f64 = 3.0;
 /// Of a body's box: the least that may be all that is seen of it.
 const LEAST_SHARE: f64 = 0.15;
+/// Of how far an axis lies beyond what the picture's side leaves of a body, the part that is not known (500 sights of four mixed
+/// teams; the side was at 30°, 0.8 to 1.05 of what is computed was found).
+const BEYOND_SIGMA: f64 = 0.6;
+/// Breadth of shoulders to the height.
+const SHOULDERS: f64 = 0.25;
 /// A track that has never come anywhere and does not move is none after so long, seconds.
 const STUCK_S: f64 = 2.0;
 /// A new track that is not seen twice is none, but of a fast camera not before so long, seconds.
@@ -363,13 +369,17 @@ impl Tracker {
         // Where it was at the capture time, if its rows or columns were read sooner or later.
         let delay_s = self.view.delay_s(track.axis, middle);
         let axis = self.raster.wrap_column(track.axis - track.filter.rate * delay_s);
-        let (bearing_rad, _) = self.view.angles_rad(axis, middle)?;
+        let (mut bearing_rad, _) = self.view.angles_rad(axis, middle)?;
         let step = self.view.steps_rad(track.axis, middle)[0];
         let axis_sigma = if self.figures.is_some() {
             self.told_sigma_m(track, &extent, self.last.unwrap_or_default()) / (step * track.log_range.exp())
         } else {
             track.axis_sigma
         };
+        // Beside the picture there may be no angles.
+        let inside = self.view.angles_rad(axis - track.beyond, middle).map_or(bearing_rad, |(inside, _)| inside);
+        bearing_rad = wrap(bearing_rad - wrap(inside - bearing_rad));
+        let axis_sigma = axis_sigma.hypot(BEYOND_SIGMA * track.beyond);
         let area_px = self.areas.iter().find(|(id, _)| *id == track.id).map_or(0, |(_, a)| *a);
         Some(TrackView {
             id: track.id,
@@ -572,6 +582,7 @@ impl Tracker {
     fn measure_extents(&mut self, scene: &Scene<'_>, peers: &[PeerBearing], now: Timestamp) {
         for track in &mut self.tracks {
             if track.state == TrackState::Hidden {
+                track.beyond = 0.0;
                 // What was measured is now a bound at best.
                 if let Some(extent) = &mut track.extent {
                     extent.ends = extent.ends.map(|e| if e == ElevationEnd::Seen { ElevationEnd::Hidden } else { e });
@@ -590,6 +601,9 @@ impl Tracker {
             let known = Known { width_rad: trunk_rad.min(width_rad), shared, person, figure_m, feet, head: track.head };
             let extent = extent::measure(scene, &self.view, track.axis, track.rows, &known);
             track.extent = Some(extent);
+            let breadth =
+                if figure_m.is_some() { track.trunk_width } else { track.trunk_width.max(SHOULDERS * track.shape.h) };
+            track.beyond = extent::beyond_side(scene, track.axis, 0.5 * breadth, &track.patch());
             if !shared && let Some((bearing, _)) = self.view.angles_rad(track.axis, middle) {
                 track.votes.add(class::of_one_sight(bearing, width_rad, &extent, &self.view, peers));
             }

@@ -8,8 +8,9 @@
 use protocol::message::ElevationEnd;
 
 use super::range::{Range, from_ground_contact};
+
 use super::view::View;
-use crate::motion::Scene;
+use crate::motion::{Patch, Scene};
 
 /// Lower and upper end of a body.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -143,6 +144,29 @@ fn is_a_body(range: &Range, camera_m: f64, elevation_rad: &[f64; 2], top: Elevat
     height_fits && agrees && breadth_m > PERSON_BREADTH_M[0] && breadth_m < PERSON_BREADTH_M[1] * slack
 }
 
+/// How far the axis of a body whom the side of what is tested cuts through lies beyond what is taken for it, columns, to the right
+/// positive; `half` is half its breadth. What is taken for the axis is the middle of what is seen: if that is d columns from the side, 2d
+/// columns are seen, and the axis is half the breadth less d beyond their middle.
+pub(super) fn beyond_side(scene: &Scene<'_>, axis: f64, half: f64, patch: &Patch) -> f64 {
+    /// Columns: what ends so near the side is cut.
+    const BORDER: f64 = 2.0;
+    /// Of the rows, where the trunk is.
+    const TRUNK: usize = 3;
+    let raster = scene.raster;
+    let row = patch.rows[0] + patch.rows[1].saturating_sub(patch.rows[0]) / TRUNK;
+    let is_tested = |column: f64| {
+        raster.column_at(column.round() as isize).is_some_and(|column| scene.valid[row * raster.width + column] != 0)
+    };
+    // How far the side is from the axis, where that is less than the body reaches and what is seen of it ends there.
+    let side = |to: f64| {
+        let steps = (0..half.ceil() as usize).find(|k| !is_tested(axis + to * *k as f64))?;
+        let away = steps as f64 - 0.5;
+        let end = to * raster.column_difference(patch.arc.centre(), axis) + 0.5 * patch.arc.width as f64;
+        (end + BORDER > away).then_some((half - away).clamp(0.0, half))
+    };
+    side(1.0).unwrap_or(0.0) - side(-1.0).unwrap_or(0.0)
+}
+
 /// First and last tested row of the column.
 fn tested_rows(scene: &Scene<'_>, axis: f64) -> [usize; 2] {
     let w = scene.raster.width;
@@ -156,7 +180,7 @@ fn tested_rows(scene: &Scene<'_>, axis: f64) -> [usize; 2] {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::motion::Raster;
+    use crate::motion::{Arc, Raster};
     use crate::optics::MountedCamera;
     use crate::panorama::PanoramaGeometry;
 
@@ -208,6 +232,34 @@ mod tests {
     fn a_top_without_a_head_is_a_bound() {
         for (lost_m, head) in [(0.0, false), (0.2, false), (0.45, true)] {
             assert_eq!(person(lost_m, head).ends[1], ElevationEnd::Hidden, "{lost_m} m lost");
+        }
+    }
+
+    #[test]
+    fn who_is_cut_by_the_side_of_what_is_tested_has_his_axis_beyond_what_is_seen() {
+        // Columns 20 to 69 are tested, of a ring and of a picture; he is 20 columns broad.
+        let tested = 20..70;
+        for wraps in [true, false] {
+            let raster = Raster { width: 100, height: 40, wraps };
+            let valid: Vec<u8> = (0..raster.len()).map(|i| u8::from(tested.contains(&(i % 100)))).collect();
+            let picture = vec![0; raster.len()];
+            let scene = Scene {
+                raster: &raster,
+                picture: &picture,
+                background: &[],
+                mask: &picture,
+                magnitude: &picture,
+                valid: &valid,
+                objects: &[],
+            };
+            for truth in 15..75 {
+                let (first, last) = ((truth - 10).max(tested.start), (truth + 9).min(tested.end - 1));
+                let arc = Arc { start: first, width: last + 1 - first };
+                let seen = beyond_side(&scene, arc.centre(), 10.0, &Patch { arc, rows: [5, 35] });
+                let axis = arc.centre() + seen;
+                assert!((axis - (truth as f64 - 0.5)).abs() < 1.01, "wraps: {wraps}, {truth}: {axis}, {seen} beyond");
+                assert!(!(32..58).contains(&truth) || seen == 0.0, "{truth}: {seen}");
+            }
         }
     }
 }

@@ -67,6 +67,8 @@ pub(super) struct Track {
     /// Column of the axis and its sigma as published for this frame.
     pub(super) axis: f64,
     pub(super) axis_sigma: f64,
+    /// How far the body's axis lies beyond `axis`, columns, where the picture's side cuts through it.
+    pub(super) beyond: f64,
     pub(super) extent: Option<Extent>,
     pub(super) votes: Votes,
     pub(super) hits: u32,
@@ -216,6 +218,7 @@ impl Track {
             last_apart: (now, s.axis),
             axis: s.axis,
             axis_sigma: s.axis_sigma,
+            beyond: 0.0,
             extent: None,
             votes: Votes::default(),
             hits: 1,
