@@ -189,6 +189,14 @@ pub struct Scene<'a> {
     pub objects: &'a [Object],
 }
 
+#[cfg(test)]
+impl<'a> Scene<'a> {
+    /// Of marks alone, which stand for the picture too.
+    pub(crate) fn of_marks(raster: &'a Raster, marks: &'a [u8], valid: &'a [u8]) -> Self {
+        Self { raster, picture: marks, background: &[], mask: marks, magnitude: marks, valid, objects: &[] }
+    }
+}
+
 /// A rectangle of the picture.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Patch {

@@ -29,7 +29,7 @@ mod told;
 mod track;
 mod view;
 
-use protocol::angle::wrap;
+use protocol::angle::{difference, wrap};
 use protocol::appearance::Appearance;
 use protocol::id::TrackId;
 use protocol::message::observation::MAX_TRACKS;
@@ -107,7 +107,7 @@ pub struct TrackView {
     pub rows: [usize; 2],
     /// Pixels of its region; 0 while hidden.
     pub area_px: usize,
-    /// Column of its axis.
+    /// Column of the axis of what is seen; of a body that the picture's side cuts its bearing lies beyond.
     pub axis_column: f64,
     /// To the axis, body frame, radians.
     pub bearing_rad: f64,
@@ -156,11 +156,11 @@ const STANDS_S: f64 = 0.3;
 const STAYS_S: f64 = 3.0;
 /// Of a body's box: the least that may be all that is seen of it.
 const LEAST_SHARE: f64 = 0.15;
-/// Of how far an axis lies beyond what the picture's side leaves of a body, the part that is not known (500 sights of four mixed
-/// teams; the side was at 30°, 0.8 to 1.05 of what is computed was found).
+/// Of how far an axis lies beyond what the picture's side leaves of a body, the part that is not known: on average 0.7 to 1.05 of what
+/// is computed was found (600 sights at the side of a 60° camera, four mixed teams).
 const BEYOND_SIGMA: f64 = 0.6;
 /// Breadth of shoulders to the height.
-const SHOULDERS: f64 = 0.25;
+const SHOULDERS_TO_HEIGHT: f64 = 0.25;
 /// A track that has never come anywhere and does not move is none after so long, seconds.
 const STUCK_S: f64 = 2.0;
 /// A new track that is not seen twice is none, but of a fast camera not before so long, seconds.
@@ -369,16 +369,16 @@ impl Tracker {
         // Where it was at the capture time, if its rows or columns were read sooner or later.
         let delay_s = self.view.delay_s(track.axis, middle);
         let axis = self.raster.wrap_column(track.axis - track.filter.rate * delay_s);
-        let (mut bearing_rad, _) = self.view.angles_rad(axis, middle)?;
+        let (seen_rad, _) = self.view.angles_rad(axis, middle)?;
         let step = self.view.steps_rad(track.axis, middle)[0];
         let axis_sigma = if self.figures.is_some() {
             self.told_sigma_m(track, &extent, self.last.unwrap_or_default()) / (step * track.log_range.exp())
         } else {
             track.axis_sigma
         };
-        // Beside the picture there may be no angles.
-        let inside = self.view.angles_rad(axis - track.beyond, middle).map_or(bearing_rad, |(inside, _)| inside);
-        bearing_rad = wrap(bearing_rad - wrap(inside - bearing_rad));
+        // Where the axis lies beyond what is seen there may be no angles: as far the other way there are.
+        let inside_rad = self.view.angles_rad(axis - track.beyond, middle).map_or(seen_rad, |(inside, _)| inside);
+        let bearing_rad = wrap(seen_rad + difference(seen_rad, inside_rad));
         let axis_sigma = axis_sigma.hypot(BEYOND_SIGMA * track.beyond);
         let area_px = self.areas.iter().find(|(id, _)| *id == track.id).map_or(0, |(_, a)| *a);
         Some(TrackView {
@@ -601,8 +601,11 @@ impl Tracker {
             let known = Known { width_rad: trunk_rad.min(width_rad), shared, person, figure_m, feet, head: track.head };
             let extent = extent::measure(scene, &self.view, track.axis, track.rows, &known);
             track.extent = Some(extent);
-            let breadth =
-                if figure_m.is_some() { track.trunk_width } else { track.trunk_width.max(SHOULDERS * track.shape.h) };
+            let breadth = if figure_m.is_some() {
+                track.trunk_width
+            } else {
+                track.trunk_width.max(SHOULDERS_TO_HEIGHT * track.shape.h)
+            };
             track.beyond = extent::beyond_side(scene, track.axis, 0.5 * breadth, &track.patch());
             if !shared && let Some((bearing, _)) = self.view.angles_rad(track.axis, middle) {
                 track.votes.add(class::of_one_sight(bearing, width_rad, &extent, &self.view, peers));

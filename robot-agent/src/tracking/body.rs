@@ -184,15 +184,7 @@ mod tests {
         paint(211, 30, 14, 5); // arm
         let region = group(&mask, &raster, [0, 0], 1).remove(0);
         let magnitude = vec![50; mask.len()];
-        let scene = Scene {
-            raster: &raster,
-            picture: &mask,
-            background: &[],
-            mask: &mask,
-            magnitude: &magnitude,
-            valid: &mask,
-            objects: &[],
-        };
+        let scene = Scene { magnitude: &magnitude, ..Scene::of_marks(&raster, &mask, &mask) };
         let body = Body::measure(&region, &scene);
         assert!(raster.column_difference(body.axis, 200.0).abs() < 0.6, "{}", body.axis);
         assert_eq!((body.arc.start, body.arc.width), (190, 21));

@@ -8,7 +8,6 @@
 use protocol::message::ElevationEnd;
 
 use super::range::{Range, from_ground_contact};
-
 use super::view::View;
 use crate::motion::{Patch, Scene};
 
@@ -199,16 +198,8 @@ mod tests {
             let row = view.row_of_elevation(((height_m - 0.6) / range_m).atan()).unwrap();
             (row.round() as usize).min(raster.height - 1)
         });
-        let (picture, valid) = (vec![0; raster.len()], vec![1; raster.len()]);
-        let scene = Scene {
-            raster: &raster,
-            picture: &picture,
-            background: &[],
-            mask: &picture,
-            magnitude: &picture,
-            valid: &valid,
-            objects: &[],
-        };
+        let (marks, valid) = (vec![0; raster.len()], vec![1; raster.len()]);
+        let scene = Scene::of_marks(&raster, &marks, &valid);
         let known = Known { width_rad: 0.1, shared: false, person: true, figure_m: Some(4.1), feet: true, head };
         measure(&scene, &view, 100.0, rows, &known)
     }
@@ -242,16 +233,8 @@ mod tests {
         for wraps in [true, false] {
             let raster = Raster { width: 100, height: 40, wraps };
             let valid: Vec<u8> = (0..raster.len()).map(|i| u8::from(tested.contains(&(i % 100)))).collect();
-            let picture = vec![0; raster.len()];
-            let scene = Scene {
-                raster: &raster,
-                picture: &picture,
-                background: &[],
-                mask: &picture,
-                magnitude: &picture,
-                valid: &valid,
-                objects: &[],
-            };
+            let marks = vec![0; raster.len()];
+            let scene = Scene::of_marks(&raster, &marks, &valid);
             for truth in 15..75 {
                 let (first, last) = ((truth - 10).max(tested.start), (truth + 9).min(tested.end - 1));
                 let arc = Arc { start: first, width: last + 1 - first };

@@ -309,18 +309,8 @@ mod tests {
         let (gray, mask) = picture(bodies);
         let magnitude = vec![50; mask.len()];
         let region: Region = group(&mask, &RASTER, [0, 0], 1).remove(0);
-        Strip::of(
-            &region,
-            &Scene {
-                raster: &RASTER,
-                picture: &gray,
-                background: &[],
-                mask: &mask,
-                magnitude: &magnitude,
-                valid: &mask,
-                objects: &[],
-            },
-        )
+        let scene = Scene { picture: &gray, magnitude: &magnitude, ..Scene::of_marks(&RASTER, &mask, &mask) };
+        Strip::of(&region, &scene)
     }
 
     #[test]

@@ -110,15 +110,7 @@ mod tests {
         let picture: Vec<u8> = (0..RING.len())
             .map(|i| (now(behind(at(i).0, at(i).1), at(i).0, at(i).1) + noise()).clamp(0.0, 255.0) as u8)
             .collect();
-        let scene = Scene {
-            raster: &RING,
-            picture: &picture,
-            background: &background,
-            mask: &mask,
-            magnitude: &mask,
-            valid: &mask,
-            objects: &[],
-        };
+        let scene = Scene { picture: &picture, background: &background, ..Scene::of_marks(&RING, &mask, &mask) };
         judge(&group(&mask, &RING, [1, 1], 1)[0], &scene)
     }
 

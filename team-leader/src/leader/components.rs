@@ -94,7 +94,7 @@ impl Component {
         self.follower.targets().iter().filter(|followed| followed.is_confirmed())
     }
 
-    /// Those of them that the team map shows.
+    /// Those of them that the team map shows. Agents are told of the others as well: they know earlier who is near.
     pub fn shown(&self) -> impl Iterator<Item = &Followed> {
         self.follower.targets().iter().filter(|followed| followed.may_be_shown())
     }

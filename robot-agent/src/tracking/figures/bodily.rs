@@ -251,15 +251,7 @@ mod tests {
         let background: Vec<u16> = (0..RING.len()).map(|i| (256.0 * wall(at(i).0, at(i).1)) as u16).collect();
         let mask: Vec<u8> = (0..RING.len()).map(|i| u8::from(inside(at(i).0, at(i).1))).collect();
         let valid = vec![1; RING.len()];
-        let scene = Scene {
-            raster: &RING,
-            picture: &picture,
-            background: &background,
-            mask: &mask,
-            magnitude: &mask,
-            valid: &valid,
-            objects: &[],
-        };
+        let scene = Scene { picture: &picture, background: &background, ..Scene::of_marks(&RING, &mask, &valid) };
         let cells = cells_of(&scene);
         let said: Vec<f32> =
             cells.marked().map(|c| cells.body(c.rows.start / CELL[1], c.columns.start / CELL[0])).collect();

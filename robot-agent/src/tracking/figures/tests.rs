@@ -107,13 +107,12 @@ impl Room {
 
     fn look_at_the_mask(&mut self) {
         let (raster, mask, valid, picture) = (&self.raster, &self.mask, &self.valid, &self.picture);
-        let scene = Scene { raster, picture, background: &[], mask, magnitude: mask, valid, objects: &[] };
+        let scene = Scene { picture, ..Scene::of_marks(raster, mask, valid) };
         self.figures.look(&scene, &[], &Doubts::default());
     }
 
     fn scene(&self) -> Scene<'_> {
-        let (raster, mask, valid) = (&self.raster, &self.mask, &self.valid);
-        Scene { raster, picture: mask, background: &[], mask, magnitude: mask, valid, objects: &[] }
+        Scene::of_marks(&self.raster, &self.mask, &self.valid)
     }
 
     /// The regions of what was looked at, of which those move that `moves` says do.
