@@ -45,9 +45,7 @@ use memory::Memory;
 use state::{Context, Seen, State};
 use window::Kept;
 
-pub(crate) use likelihood::log_student;
-pub use likelihood::stretch;
-pub use state::{MOST_REPEAT, ObservedBy};
+pub use state::ObservedBy;
 
 /// Most targets followed at once.
 const MAX_TARGETS: usize = 256;

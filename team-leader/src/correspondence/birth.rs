@@ -19,13 +19,13 @@ use protocol::time::Timestamp;
 
 use super::explanation::{Explanation, RANGE_WORTH};
 use super::identity::{Looks, Past};
-use super::likelihood::log_student;
 use super::memory::Memory;
 use super::moves::LEAST_COUNT;
 use super::state::{Context, SURE_RANGE_M, State};
 use super::window::{Change, Proposal};
 use super::{Followed, Follower, Frame, MAX_TARGETS, PRESENT_S, Sight};
 use crate::calibration::live::Calibrator;
+use crate::stereo::tails::log_student;
 use crate::stereo::target::Target;
 
 /// Nobody stands inside a robot, metres from its axis.

@@ -14,9 +14,9 @@ use protocol::frames::Pose2;
 use protocol::time::Timestamp;
 
 use super::Follower;
-use super::likelihood::log_student;
 use super::memory::Memory;
 use crate::calibration::kernel;
+use crate::stereo::tails::log_student;
 use crate::stereo::triangulate::{StereoBearings, triangulate};
 
 /// Rays that meet at a flatter angle (sine) say nothing about range.

@@ -13,9 +13,9 @@ use protocol::frames::Pose2;
 use protocol::id::TargetId;
 use protocol::time::Timestamp;
 
-use super::likelihood::log_student;
 use super::memory::Memory;
 use super::{Followed, Follower, PRESENT_S};
+use crate::stereo::tails::log_student;
 
 /// States of a target that are kept: how many, and how far apart, seconds.
 const MOST_STATES: usize = 12;

@@ -1,7 +1,6 @@
 //! How well a track fits a target, in nats: log-likelihood that it is the target's, less that it is clutter.
 //!
-//! Bearings of bodies have heavy tails (an arm, a shadow, half a body), so residuals follow Student's t, not a Gaussian: one
-//! far off costs little more than clutter and never moves a target far ([`stretch`]). Clutter is what robots follow that is
+//! Residuals have heavy tails ([`crate::stereo::tails`]): one far off costs little more than clutter. Clutter is what robots follow that is
 //! nobody: a few tracks anywhere in the picture, and pieces of bodies beside the bodies they belong to.
 
 use std::f64::consts::TAU;
@@ -13,26 +12,12 @@ use protocol::message::{TrackObservation, TrackState};
 
 use super::{Follower, Frame, PRESENT_S};
 
-/// Degrees of freedom of Student's t.
-const NU: f64 = 4.0;
-/// ln Γ((ν + 1) / 2) − ln Γ(ν / 2) − ln √(νπ) at ν = 4.
-const LOG_STUDENT: f64 = -0.980_829_253_011_726;
 /// Tracks of nobody in a picture, and pieces of a body beside it that have a track of their own.
 const CLUTTER: f64 = 0.5;
 const PIECES: f64 = 0.4;
 const PIECES_OF_TRACKS: f64 = 0.6;
 /// How far from a body's axis its pieces lie, standard deviation in metres.
 const PIECE_M: f64 = 0.2;
-
-/// Log-density of a residual of squared distance `d2` and variance `var`.
-pub fn log_student(d2: f64, var: f64) -> f64 {
-    LOG_STUDENT - 0.5 * var.ln() - 0.5 * (NU + 1.0) * (1.0 + d2 / NU).ln()
-}
-
-/// By how much the variance of a measurement at squared distance `d2` grows, so that far ones move little.
-pub fn stretch(d2: f64) -> f64 {
-    ((NU + d2) / (NU + 1.0)).max(1.0)
-}
 
 /// Density of tracks of nobody (1/rad) at a track's bearing: anywhere, and pieces of the bodies that the robot follows beside it.
 pub fn clutter_of_tracks(frame: &Frame<'_>, track: &TrackObservation) -> f64 {

@@ -7,16 +7,16 @@ use protocol::id::TrackId;
 use protocol::time::Timestamp;
 
 use super::identity::Looks;
-use super::likelihood::{log_student, stretch};
 use super::{OBSERVED_S, Sight, gate_distance2};
 use crate::calibration::live::Calibrator;
 use crate::leader::config::TargetConfig;
 use crate::stereo::range_cue::CameraFacts;
-use crate::stereo::target::{BearingFrom, Target, TopFrom};
+use crate::stereo::tails::{log_student, stretch};
+use crate::stereo::target::{BearingFrom, LASTING, Target, TopFrom};
 use crate::stereo::triangulate::height_m;
 
-/// A frame never counts for less than this part of a frame with an error of its own.
-pub const MOST_REPEAT: f64 = 3.0;
+/// A frame's top or feet never count for less than this part of those with an error of their own.
+const MOST_REPEAT: f64 = 3.0;
 /// Where the rays leave the place so unsure (larger axis, metres), ranges from feet, head and width help.
 const UNSURE_M: f64 = 0.15;
 /// How much less a range from feet, head and width says with every frame: the gait, the clothes, the shadow stay.
@@ -77,12 +77,19 @@ pub struct Seen {
 }
 
 impl Seen {
-    /// A sight as a bearing of a target at `range_m`. `repeat` weighs down frames whose errors are alike.
-    fn bearing(&self, config: &TargetConfig, sight: &Sight, range_m: f64, repeat: f64) -> BearingFrom {
+    /// A sight as a bearing of a target at `range_m`.
+    fn bearing(&self, config: &TargetConfig, sight: &Sight, range_m: f64) -> BearingFrom {
         let range_m = range_m.max(0.3);
         let timing = 1.2 * self.at_sigma_s / range_m;
-        let var = config.bearing_var(sight.sigma_rad, range_m) * repeat + timing * timing;
-        BearingFrom { robot: self.robot, pose: self.pose, bearing_rad: sight.bearing_rad, var, at: self.at }
+        let of_body = config.filter_var(sight.sigma_rad, range_m);
+        BearingFrom {
+            robot: self.robot,
+            pose: self.pose,
+            bearing_rad: sight.bearing_rad,
+            var: of_body + timing * timing,
+            lasting: LASTING * of_body,
+            at: self.at,
+        }
     }
 }
 
@@ -155,7 +162,7 @@ impl State {
     /// How far away the object is (m), and how a sight fits it: squared residual over its variance, and the variance, rad².
     fn fit(&self, seen: &Seen, sight: &Sight, context: &Context<'_>) -> (f64, f64, f64) {
         let range_m = self.target.range_m(&seen.pose, seen.at);
-        let m = seen.bearing(context.config, sight, range_m, 1.0);
+        let m = seen.bearing(context.config, sight, range_m);
         let (d2, var) = gate_distance2(&self.target.innovation(&m), &self.target, &m, context);
         (range_m, d2, var)
     }
@@ -192,9 +199,9 @@ impl State {
         let before = self.observers.iter().find(|o| o.robot == seen.robot).map(|o| o.at);
         let since_s = before.map_or(1.0, |b| seen.at.seconds_since(b)).max(1e-3);
         let repeat = config.repeat(since_s, MOST_REPEAT);
-        let mut m = seen.bearing(config, sight, range_m, repeat);
-        m.var *= stretch(d2);
-        self.target.update(&m);
+        let mut m = seen.bearing(config, sight, range_m);
+        m.var += (m.var - m.lasting) * (config.faster(since_s) - 1.0);
+        self.target.update_stretched(&m, stretch(d2));
         self.two_robots |= !alone;
         self.last = self.last.max(seen.at);
         self.updates += 1;

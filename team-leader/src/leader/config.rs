@@ -152,9 +152,11 @@ impl Default for CalibrationConfig {
 pub struct TargetConfig {
     /// Power of the white acceleration of a walking person, m²/s³.
     pub acceleration_m2ps3: f64,
+    /// The same of people who walk and stand, where one filter stands for both, m²/s³: in the estimate of systematic errors.
+    pub usual_acceleration_m2ps3: f64,
     /// Sway of the seen axis about the true one beyond what robots state of it, metres. Agents of this project state all of it.
     pub axis_sway_m: f64,
-    /// Correlation time of the bearing error, seconds.
+    /// Correlation time of errors of tops and of feet, and of bearings in the estimate of systematic errors, seconds.
     pub correlation_s: f64,
     /// Mean height of people, metres, with standard deviation: a weak cue for range, never a measurement of position.
     pub person_height_m: (f64, f64),
@@ -170,14 +172,26 @@ impl TargetConfig {
         sigma_rad.powi(2) + (self.axis_sway_m / range_m).powi(2)
     }
 
+    /// The same as targets' filters take it. They are for Gaussian errors, and what is wrong about the bearings of bodies has heavy tails:
+    /// by the plain variance the squared errors came to a fifth more than the filters said.
+    pub fn filter_var(&self, sigma_rad: f64, range_m: f64) -> f64 {
+        FILTER_VAR * self.bearing_var(sigma_rad, range_m)
+    }
+
+    /// How many times faster than the usual 10 Hz frames come that are `interval_s` apart: they tell no more.
+    pub fn faster(&self, interval_s: f64) -> f64 {
+        (USUAL_INTERVAL_S / interval_s).clamp(1.0, MOST_FASTER)
+    }
+
     /// How many frames `interval_s` apart count as one, since their errors are alike; `most` at most, of a camera faster than the usual
     /// 10 Hz more in proportion: it sees no more of an error that lasts.
     pub fn repeat(&self, interval_s: f64, most: f64) -> f64 {
-        let faster = (USUAL_INTERVAL_S / interval_s).clamp(1.0, MOST_FASTER);
-        (2.0 * self.correlation_s / interval_s).clamp(1.0, most * faster)
+        (2.0 * self.correlation_s / interval_s).clamp(1.0, most * self.faster(interval_s))
     }
 }
 
+/// Variance that filters take, as a multiple of the bearings' own.
+pub(crate) const FILTER_VAR: f64 = 1.6;
 /// Least time between frames for which the most repeats were found, seconds: 10 Hz with jitter.
 const USUAL_INTERVAL_S: f64 = 0.08;
 /// A camera counts as so many times faster at most.
@@ -186,7 +200,8 @@ const MOST_FASTER: f64 = 10.0;
 impl Default for TargetConfig {
     fn default() -> Self {
         Self {
-            acceleration_m2ps3: 0.25,
+            acceleration_m2ps3: 0.6,
+            usual_acceleration_m2ps3: 0.25,
             axis_sway_m: 0.01,
             correlation_s: 0.25,
             person_height_m: (1.72, 0.12),

@@ -16,7 +16,7 @@ use protocol::time::Timestamp;
 use super::{Leader, Output};
 use crate::calibration::block::Block;
 use crate::correspondence::ObservedBy;
-use crate::planning::outlook::{Post, joint, mean_square_m2};
+use crate::planning::outlook::{Outlook, Post, joint};
 
 /// Places along each side of the grid, and of the finer one round its best.
 const GRID: i32 = 15;
@@ -59,6 +59,7 @@ struct Round {
     robots: Vec<usize>,
     posts: Vec<Post>,
     places: Vec<Vector2<f64>>,
+    outlook: Outlook,
     here_m2: f64,
     /// Number in `robots` of whom it is about, the others' calibration without it, places to try, the best of them.
     turn: usize,
@@ -146,11 +147,14 @@ impl Leader {
         let stride = guide.samples.len().div_ceil(MAX_PLACES);
         let places: Vec<_> = guide.samples.iter().step_by(stride).map(|(_, p)| *p).collect();
         let poses = joint(&robots, |a, b| self.components[home].calibrator.covariance(a, b));
-        let Some(here_m2) = mean_square_m2(&posts, &poses, &places, &self.config.targets) else { return false };
+        let rate_hz = posts.iter().map(|post| post.rate_hz).fold(0.0, f64::max);
+        let outlook = Outlook::new(&self.config.targets, rate_hz);
+        let Some(here_m2) = outlook.mean_square_m2(&posts, &poses, &places) else { return false };
         self.components[home].guide.round = Some(Round {
             robots,
             posts,
             places,
+            outlook,
             here_m2,
             turn: 0,
             rest: None,
@@ -242,7 +246,7 @@ impl Leader {
         posts[turn].pose = Pose2::new(place.x, place.y, posts[turn].pose.heading_rad);
         let block = self.components[home].calibrator.with_elsewhere(rest, robot, posts[turn].pose)?;
         let poses: DMatrix<f64> = joint(&round.robots, |a, b| block.covariance(a, b).unwrap_or_default());
-        mean_square_m2(&posts, &poses, &round.places, &self.config.targets)
+        round.outlook.mean_square_m2(&posts, &poses, &round.places)
     }
 
     /// Where the ground is known: in the given area, else among the robots and where targets have been.

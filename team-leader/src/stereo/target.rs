@@ -2,33 +2,34 @@
 //!
 //! State: position and velocity on the floor and height of the top, *given* exact poses of the robots; how it depends on their poses is carried
 //! along (Schmidt's consider filter), so that `cov = own + J Σ Jᵀ` holds for any pair of entries of the map, and errors of
-//! the calibration never average out over frames. Velocities forget (people stop), driven by white acceleration. A body's
-//! seen axis sways with its gait: errors of successive frames are alike, so each frame counts for less.
+//! the calibration never average out over frames. He stands or walks (`modes`); velocities forget (people turn), driven by white
+//! acceleration. What is wrong about a robot's bearings lasts (gait; what is behind somebody who stands), so its part that lasts is in
+//! the state as well: it never averages out within the time that it lasts.
 //!
 //! Where rays cross well they measure the height of the top. That stays with somebody, and where rays cross badly, or there is
 //! only one, the top's elevation gives the range: D = (Z − H) / tan α (`MATHS.md` §7, 11). One filter of both does either as it should be.
 
-use nalgebra::{Matrix2, Matrix5, Matrix5x3, RowVector3, RowVector5, Vector2, Vector3, Vector5};
+use nalgebra::{DVector, Dyn, Matrix2, Matrix5, MatrixView, RowVector3, RowVector5, U1, U5, Vector2, Vector3, Vector5};
 use protocol::angle::wrap;
 use protocol::frames::Pose2;
 use protocol::time::Timestamp;
 
 use crate::calibration::kernel;
 
-/// How long a velocity lasts, seconds.
-pub const VELOCITY_MEMORY_S: f64 = 2.5;
+mod modes;
+
+use modes::{Modes, NEW_VELOCITY_MPS, Noise, TOP};
+
+pub use modes::{ERRORS_LAST_S, LASTING, SHIFTS_M2PS, STANDS_S, VELOCITY_MEMORY_S, WALKS_S};
+
 /// Longest prediction in one go, seconds.
 const LONGEST_STEP_S: f64 = 5.0;
-/// Standard deviation of a new target's velocity, m/s.
-const NEW_VELOCITY_MPS: f64 = 0.7;
 /// Before its first bearings a target may be anywhere this far around, m.
 const NEW_POSITION_M: f64 = 5.0;
 
 /// A measured range further from what is expected is of something else (feet that something hides), sigmas.
 pub const RANGE_GATE_SIGMAS: f64 = 2.5;
 
-/// Index of the top's height in the state.
-const TOP: usize = 4;
 /// How much a head moves up and down with the gait and its upper end with what is behind it, m; how well the height may become known at
 /// most, m; beyond so many sigmas it is a hand or half a head.
 const TOP_SWAY_M: f64 = 0.03;
@@ -37,6 +38,8 @@ const TOP_GATE_SIGMAS: f64 = 3.0;
 /// Tops nearer to the horizon, rad, or to the camera's height, m, say nothing about range.
 const LEAST_ELEVATION_RAD: f64 = 0.03;
 const LEAST_ABOVE_M: f64 = 0.2;
+
+type MatrixView5<'a> = MatrixView<'a, f64, U5, U5, U1, Dyn>;
 
 /// How a range fits.
 struct RangeInnovation {
@@ -49,9 +52,9 @@ struct RangeInnovation {
 /// A target's filter.
 #[derive(Debug, Clone)]
 pub struct Target {
-    mean: Vector5<f64>,
-    cov: Matrix5<f64>,
-    dependence: Vec<(usize, Matrix5x3<f64>)>,
+    modes: Modes,
+    /// Whose errors it depends on.
+    robots: Vec<usize>,
     at: Timestamp,
     acceleration_m2ps3: f64,
     top_seen: bool,
@@ -85,6 +88,8 @@ pub struct BearingFrom {
     pub bearing_rad: f64,
     /// rad².
     pub var: f64,
+    /// The part of it that lasts (how he holds himself, what is behind him): much the same in the next frames of the same robot.
+    pub lasting: f64,
     /// Capture, leader's clock.
     pub at: Timestamp,
 }
@@ -118,45 +123,49 @@ impl Target {
     /// A target at about `position`; its first bearings come by [`Target::update`]. `top_m`: expected height and spread.
     pub fn new(position: Vector2<f64>, at: Timestamp, acceleration_m2ps3: f64, top_m: (f64, f64)) -> Self {
         let (p, v) = (NEW_POSITION_M.powi(2), NEW_VELOCITY_MPS.powi(2));
-        Self {
-            mean: Vector5::new(position.x, position.y, 0.0, 0.0, top_m.0),
-            cov: Matrix5::from_diagonal(&Vector5::new(p, p, v, v, top_m.1 * top_m.1)),
-            dependence: Vec::new(),
-            at,
-            acceleration_m2ps3,
-            top_seen: false,
-        }
+        let mean = Vector5::new(position.x, position.y, 0.0, 0.0, top_m.0);
+        let cov = Matrix5::from_diagonal(&Vector5::new(p, p, v, v, top_m.1 * top_m.1));
+        Self { modes: Modes::new(&mean, &cov), robots: Vec::new(), at, acceleration_m2ps3, top_seen: false }
+    }
+
+    fn mean(&self) -> &DVector<f64> {
+        &self.modes.both().mean
+    }
+
+    fn cov(&self) -> MatrixView5<'_> {
+        self.modes.both().cov.fixed_view(0, 0)
     }
 
     /// Where it is at the state's time.
     pub fn position(&self) -> Vector2<f64> {
-        Vector2::new(self.mean[0], self.mean[1])
+        Vector2::new(self.mean()[0], self.mean()[1])
     }
 
     /// m/s.
     pub fn velocity(&self) -> Vector2<f64> {
-        Vector2::new(self.mean[2], self.mean[3])
+        Vector2::new(self.mean()[2], self.mean()[3])
     }
 
     /// Covariance of the position given exact poses, m².
     pub fn own_covariance(&self) -> Matrix2<f64> {
-        self.cov.fixed_view::<2, 2>(0, 0).into_owned()
+        self.cov().fixed_view::<2, 2>(0, 0).into_owned()
     }
 
     /// ∂(x, y)/∂(pose of each standing robot).
     pub fn dependence(&self) -> impl Iterator<Item = (usize, nalgebra::Matrix2x3<f64>)> + '_ {
-        self.dependence.iter().map(|(r, d)| (*r, d.fixed_view::<2, 3>(0, 0).into_owned()))
+        let dependence = &self.modes.both().dependence;
+        self.robots.iter().enumerate().map(|(k, robot)| (*robot, dependence.fixed_view::<2, 3>(0, 3 * k).into_owned()))
     }
 
     /// Larger axis of the own covariance, m.
     pub fn sigma_m(&self) -> f64 {
-        let (xx, xy, yy) = (self.cov[(0, 0)], self.cov[(0, 1)], self.cov[(1, 1)]);
+        let (xx, xy, yy) = (self.cov()[(0, 0)], self.cov()[(0, 1)], self.cov()[(1, 1)]);
         (0.5 * (xx + yy) + (0.5 * (xx - yy)).hypot(xy)).max(0.0).sqrt()
     }
 
     /// Height of the top and its variance, and whether it was ever seen.
     pub fn top_m(&self) -> ((f64, f64), bool) {
-        ((self.mean[TOP], self.cov[(TOP, TOP)]), self.top_seen)
+        ((self.mean()[TOP], self.cov()[(TOP, TOP)].max(TOP_FLOOR_M.powi(2))), self.top_seen)
     }
 
     /// Predicts to `at`; backwards is ignored.
@@ -166,25 +175,7 @@ impl Target {
             return;
         }
         self.at = at;
-        let keep = (-dt / VELOCITY_MEMORY_S).exp();
-        let reach = VELOCITY_MEMORY_S * (1.0 - keep);
-        let mut f = Matrix5::identity();
-        for k in 0..2 {
-            f[(k, k + 2)] = reach;
-            f[(k + 2, k + 2)] = keep;
-        }
-        self.mean = f * self.mean;
-        self.cov = f * self.cov * f.transpose();
-        for (_, d) in &mut self.dependence {
-            *d = f * *d;
-        }
-        let q = self.acceleration_m2ps3;
-        for k in 0..2 {
-            self.cov[(k, k)] += q * dt.powi(3) / 3.0;
-            self.cov[(k, k + 2)] += q * dt * dt / 2.0;
-            self.cov[(k + 2, k)] += q * dt * dt / 2.0;
-            self.cov[(k + 2, k + 2)] += q * dt;
-        }
+        self.modes.predict(dt, self.acceleration_m2ps3);
     }
 
     /// How a bearing fits, without using it. A bearing older than the state is compared with where the target was then.
@@ -194,7 +185,7 @@ impl Target {
         let (bearing, to_pose, to_point) = kernel::bearing(from, then);
         let own = RowVector5::new(to_point[0], to_point[1], dt * to_point[0], dt * to_point[1], 0.0);
         let (range_m, _, _) = kernel::distance(from, then);
-        let var = (own * self.cov * own.transpose())[0] + m.var;
+        let var = (own * self.cov() * own.transpose())[0] + m.var;
         Innovation { residual_rad: wrap(m.bearing_rad - bearing), var, range_m, own, other: RowVector3::from(to_pose) }
     }
 
@@ -206,38 +197,40 @@ impl Target {
     /// Seconds since the state, and where it was then.
     fn place_at(&self, at: Timestamp) -> (f64, [f64; 2]) {
         let dt = at.seconds_since(self.at).clamp(-LONGEST_STEP_S, LONGEST_STEP_S);
-        (dt, [self.mean[0] + dt * self.mean[2], self.mean[1] + dt * self.mean[3]])
+        (dt, [self.mean()[0] + dt * self.mean()[2], self.mean()[1] + dt * self.mean()[3]])
     }
 
     /// Uses a bearing.
     pub fn update(&mut self, m: &BearingFrom) {
-        let innovation = self.innovation(m);
-        self.correct(&innovation.own, innovation.residual_rad, m.var, Some((m.robot, innovation.other)));
+        self.update_stretched(m, 1.0);
     }
 
-    /// A measurement h of the state, whose derivatives to it and to the pose of a robot are given, `residual` off, with variance `var`.
-    fn correct(&mut self, own: &RowVector5<f64>, residual: f64, var: f64, pose: Option<(usize, RowVector3<f64>)>) {
-        let gain = self.cov * own.transpose() / ((own * self.cov * own.transpose())[0] + var);
-        let keep = Matrix5::identity() - gain * own;
-        self.mean += gain * residual;
-        self.cov = keep * self.cov * keep.transpose() + gain * var * gain.transpose();
-        if let Some((robot, _)) = pose
-            && !self.dependence.iter().any(|(r, _)| *r == robot)
-        {
-            self.dependence.push((robot, Matrix5x3::zeros()));
-        }
-        for (r, d) in &mut self.dependence {
-            *d = keep * *d;
-            if let Some((_, to_pose)) = pose.filter(|(robot, _)| robot == r) {
-                *d -= gain * to_pose;
-            }
-        }
+    /// Uses a bearing that is far off, and moves the target as if its variance were so many times larger.
+    pub fn update_stretched(&mut self, m: &BearingFrom, stretch: f64) {
+        let innovation = self.innovation(m);
+        let noise = Noise { var: m.var, lasting: m.lasting, stretch };
+        self.correct(&innovation.own, innovation.residual_rad, noise, Some((m.robot, innovation.other)));
+    }
+
+    /// A measurement h of the state, whose derivatives to it and to the pose of a robot are given, `residual` off.
+    fn correct(&mut self, own: &RowVector5<f64>, residual: f64, noise: Noise, pose: Option<(usize, RowVector3<f64>)>) {
+        let pose = pose.map(|(robot, to_pose)| (self.place_of(robot), to_pose));
+        self.modes.correct(own, residual, noise, pose);
+    }
+
+    /// Where a robot is in the dependence, which it is in from now on.
+    fn place_of(&mut self, robot: usize) -> usize {
+        self.robots.iter().position(|r| *r == robot).unwrap_or_else(|| {
+            self.robots.push(robot);
+            self.modes.add_robot();
+            self.robots.len() - 1
+        })
     }
 
     /// Uses a range along the floor from a robot (weak; for targets that one robot alone sees).
     pub fn update_range(&mut self, pose: &Pose2, range_m: f64, var: f64) {
         let innovation = self.range_innovation(pose, range_m, var);
-        self.correct(&innovation.own, innovation.residual, var, None);
+        self.correct(&innovation.own, innovation.residual, var.into(), None);
     }
 
     /// Uses a measured range along the floor from a robot, whose pose's error it shares from then on; not beyond
@@ -245,22 +238,22 @@ impl Target {
     pub fn update_measured_range(&mut self, robot: usize, pose: &Pose2, range_m: f64, var: f64) {
         let innovation = self.range_innovation(pose, range_m, var);
         if innovation.residual.powi(2) <= RANGE_GATE_SIGMAS.powi(2) * innovation.var {
-            self.correct(&innovation.own, innovation.residual, var, Some((robot, innovation.to_pose)));
+            self.correct(&innovation.own, innovation.residual, var.into(), Some((robot, innovation.to_pose)));
         }
     }
 
     fn range_innovation(&self, pose: &Pose2, range_m: f64, var: f64) -> RangeInnovation {
         let from = [pose.x_m, pose.y_m, pose.heading_rad];
-        let (predicted, to_pose, to_point) = kernel::distance(from, [self.mean[0], self.mean[1]]);
+        let (predicted, to_pose, to_point) = kernel::distance(from, [self.mean()[0], self.mean()[1]]);
         let own = RowVector5::new(to_point[0], to_point[1], 0.0, 0.0, 0.0);
-        let var = (own * self.cov * own.transpose())[0] + var;
+        let var = (own * self.cov() * own.transpose())[0] + var;
         RangeInnovation { residual: range_m - predicted, var, own, to_pose: RowVector3::from(to_pose) }
     }
 
     /// Uses the elevation of the top: of the height above the camera and the range it tells the less known by the other.
     pub fn update_top(&mut self, m: &TopFrom) {
         let (elevation, sigma) = m.elevation_rad;
-        let above_m = self.mean[TOP] - m.camera_height_m;
+        let above_m = self.mean()[TOP] - m.camera_height_m;
         if elevation < LEAST_ELEVATION_RAD || above_m < LEAST_ABOVE_M {
             return;
         }
@@ -274,40 +267,39 @@ impl Target {
         let own = RowVector5::new(dx, dy, dt * dx, dt * dy, to_height);
         let noise = (sigma * sigma + (TOP_SWAY_M * to_height).powi(2)) * m.repeat;
         let residual = elevation - above_m.atan2(range_m);
-        let d2 = residual * residual / ((own * self.cov * own.transpose())[0] + noise);
+        let d2 = residual * residual / ((own * self.cov() * own.transpose())[0] + noise);
         if d2 > TOP_GATE_SIGMAS.powi(2) {
             return;
         }
-        self.correct(&own, residual, noise, Some((m.robot, RowVector3::from(to_pose) * to_range)));
-        self.cov[(TOP, TOP)] = self.cov[(TOP, TOP)].max(TOP_FLOOR_M.powi(2));
+        self.correct(&own, residual, noise.into(), Some((m.robot, RowVector3::from(to_pose) * to_range)));
         self.top_seen = true;
     }
 
     /// Takes over the height of the top from what was known of the same object before.
     pub fn keep_top(&mut self, before: &Self) {
-        self.mean[TOP] = before.mean[TOP];
-        for k in 0..TOP {
-            (self.cov[(k, TOP)], self.cov[(TOP, k)]) = (0.0, 0.0);
-        }
-        self.cov[(TOP, TOP)] = before.cov[(TOP, TOP)];
-        self.top_seen = before.top_seen;
-        for (_, d) in &mut self.dependence {
-            d.row_mut(TOP).fill(0.0);
-        }
+        let ((top_m, var), seen) = before.top_m();
+        self.modes.change(|mode| {
+            mode.mean[TOP] = top_m;
+            mode.cov.row_mut(TOP).fill(0.0);
+            mode.cov.column_mut(TOP).fill(0.0);
+            mode.cov[(TOP, TOP)] = var;
+            mode.dependence.row_mut(TOP).fill(0.0);
+        });
+        self.top_seen = seen;
     }
 
     /// The robot's pose was corrected by `shift` (x, y, heading).
     pub fn shift(&mut self, robot: usize, shift: &Vector3<f64>) {
-        if let Some((_, d)) = self.dependence.iter().find(|(r, _)| *r == robot) {
-            self.mean += d * shift;
+        if let Some(k) = self.robots.iter().position(|r| *r == robot) {
+            self.modes.change(|mode| mode.mean += mode.dependence.fixed_columns::<3>(3 * k) * shift);
         }
     }
 
     /// The robot leaves its station: what its error contributed stays as the target's own.
     pub fn forget(&mut self, robot: usize, covariance: &nalgebra::Matrix3<f64>) {
-        if let Some(k) = self.dependence.iter().position(|(r, _)| *r == robot) {
-            let (_, d) = self.dependence.swap_remove(k);
-            self.cov += d * covariance * d.transpose();
+        if let Some(k) = self.robots.iter().position(|r| *r == robot) {
+            self.robots.remove(k);
+            self.modes.take_out_robot(k, covariance);
         }
     }
 }

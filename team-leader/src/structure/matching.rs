@@ -22,7 +22,7 @@ use protocol::message::UprightEdge;
 
 use super::Landmark;
 use crate::calibration::kernel;
-use crate::correspondence::log_student;
+use crate::stereo::tails::log_student;
 
 /// Rays that meet at a flatter angle (sine) say nothing about range.
 const LEAST_PARALLAX: f64 = 0.12;

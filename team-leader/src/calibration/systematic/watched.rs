@@ -7,8 +7,8 @@ use protocol::id::TargetId;
 use protocol::time::Timestamp;
 
 use crate::calibration::kernel;
-use crate::correspondence::stretch;
 use crate::leader::config::TargetConfig;
+use crate::stereo::tails::stretch;
 
 /// How long a velocity lasts, seconds.
 const VELOCITY_MEMORY_S: f64 = 2.5;
@@ -115,7 +115,7 @@ impl Watched {
         if !self.begun && !self.begin(b) {
             return None;
         }
-        self.predict(b.at, config.acceleration_m2ps3);
+        self.predict(b.at, config.usual_acceleration_m2ps3);
         let dt = b.at.seconds_since(self.at);
         let then = [self.mean[0] + dt * self.mean[2], self.mean[1] + dt * self.mean[3]];
         let from = [b.pose.x_m, b.pose.y_m, b.pose.heading_rad];
