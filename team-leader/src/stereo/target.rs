@@ -9,7 +9,7 @@
 //! Where rays cross well they measure the height of the top. That stays with somebody, and where rays cross badly, or there is
 //! only one, the top's elevation gives the range: D = (Z − H) / tan α (`MATHS.md` §7, 11). One filter of both does either as it should be.
 
-use nalgebra::{DVector, Dyn, Matrix2, Matrix5, MatrixView, RowVector3, RowVector5, U1, U5, Vector2, Vector3, Vector5};
+use nalgebra::{Matrix2, Matrix5, RowVector3, RowVector5, Vector2, Vector3, Vector5};
 use protocol::angle::wrap;
 use protocol::frames::Pose2;
 use protocol::time::Timestamp;
@@ -18,7 +18,7 @@ use crate::calibration::kernel;
 
 mod modes;
 
-use modes::{Modes, NEW_VELOCITY_MPS, Noise, TOP};
+use modes::{Modes, NEW_VELOCITY_MPS, Noise, OBSERVERS, TOP, ToPose};
 
 pub use modes::{ERRORS_LAST_S, LASTING, SHIFTS_M2PS, STANDS_S, VELOCITY_MEMORY_S, WALKS_S};
 
@@ -39,8 +39,6 @@ const TOP_GATE_SIGMAS: f64 = 3.0;
 const LEAST_ELEVATION_RAD: f64 = 0.03;
 const LEAST_ABOVE_M: f64 = 0.2;
 
-type MatrixView5<'a> = MatrixView<'a, f64, U5, U5, U1, Dyn>;
-
 /// How a range fits.
 struct RangeInnovation {
     residual: f64,
@@ -55,6 +53,8 @@ pub struct Target {
     modes: Modes,
     /// Whose errors it depends on.
     robots: Vec<usize>,
+    /// Whose lasting errors are followed, and when each saw it last.
+    observers: [Option<(usize, Timestamp)>; OBSERVERS],
     at: Timestamp,
     acceleration_m2ps3: f64,
     top_seen: bool,
@@ -125,15 +125,22 @@ impl Target {
         let (p, v) = (NEW_POSITION_M.powi(2), NEW_VELOCITY_MPS.powi(2));
         let mean = Vector5::new(position.x, position.y, 0.0, 0.0, top_m.0);
         let cov = Matrix5::from_diagonal(&Vector5::new(p, p, v, v, top_m.1 * top_m.1));
-        Self { modes: Modes::new(&mean, &cov), robots: Vec::new(), at, acceleration_m2ps3, top_seen: false }
+        Self {
+            modes: Modes::new(&mean, &cov),
+            robots: Vec::new(),
+            observers: [None; OBSERVERS],
+            at,
+            acceleration_m2ps3,
+            top_seen: false,
+        }
     }
 
-    fn mean(&self) -> &DVector<f64> {
-        &self.modes.both().mean
+    fn mean(&self) -> Vector5<f64> {
+        self.modes.both().mean.fixed_rows::<5>(0).into_owned()
     }
 
-    fn cov(&self) -> MatrixView5<'_> {
-        self.modes.both().cov.fixed_view(0, 0)
+    fn cov(&self) -> Matrix5<f64> {
+        self.modes.both().cov.fixed_view::<5, 5>(0, 0).into_owned()
     }
 
     /// Where it is at the state's time.
@@ -153,8 +160,8 @@ impl Target {
 
     /// ∂(x, y)/∂(pose of each standing robot).
     pub fn dependence(&self) -> impl Iterator<Item = (usize, nalgebra::Matrix2x3<f64>)> + '_ {
-        let dependence = &self.modes.both().dependence;
-        self.robots.iter().enumerate().map(|(k, robot)| (*robot, dependence.fixed_view::<2, 3>(0, 3 * k).into_owned()))
+        let of_place = |d: &ToPose| d.fixed_view::<2, 3>(0, 0).into_owned();
+        self.robots.iter().copied().zip(self.modes.both().dependence.iter().map(of_place))
     }
 
     /// Larger axis of the own covariance, m.
@@ -208,7 +215,7 @@ impl Target {
     /// Uses a bearing that is far off, and moves the target as if its variance were so many times larger.
     pub fn update_stretched(&mut self, m: &BearingFrom, stretch: f64) {
         let innovation = self.innovation(m);
-        let noise = Noise { var: m.var, lasting: m.lasting, stretch };
+        let noise = Noise { var: m.var, lasting: m.lasting, slot: self.slot_of(m), stretch };
         self.correct(&innovation.own, innovation.residual_rad, noise, Some((m.robot, innovation.other)));
     }
 
@@ -218,11 +225,23 @@ impl Target {
         self.modes.correct(own, residual, noise, pose);
     }
 
+    /// Which of the lasting errors is a robot's, which has it from now on in the place of whoever saw the target longest ago.
+    fn slot_of(&mut self, m: &BearingFrom) -> usize {
+        let own = self.observers.iter().position(|o| o.is_some_and(|(robot, _)| robot == m.robot));
+        let slot = own.unwrap_or_else(|| {
+            let oldest = (0..OBSERVERS).min_by_key(|k| self.observers[*k].map(|(_, at)| at)).unwrap_or_default();
+            self.modes.change(|mode| mode.renew(oldest));
+            oldest
+        });
+        self.observers[slot] = Some((m.robot, m.at));
+        slot
+    }
+
     /// Where a robot is in the dependence, which it is in from now on.
     fn place_of(&mut self, robot: usize) -> usize {
         self.robots.iter().position(|r| *r == robot).unwrap_or_else(|| {
             self.robots.push(robot);
-            self.modes.add_robot();
+            self.modes.change(|mode| mode.dependence.push(ToPose::zeros()));
             self.robots.len() - 1
         })
     }
@@ -283,7 +302,9 @@ impl Target {
             mode.cov.row_mut(TOP).fill(0.0);
             mode.cov.column_mut(TOP).fill(0.0);
             mode.cov[(TOP, TOP)] = var;
-            mode.dependence.row_mut(TOP).fill(0.0);
+            for d in &mut mode.dependence {
+                d.row_mut(TOP).fill(0.0);
+            }
         });
         self.top_seen = seen;
     }
@@ -291,15 +312,18 @@ impl Target {
     /// The robot's pose was corrected by `shift` (x, y, heading).
     pub fn shift(&mut self, robot: usize, shift: &Vector3<f64>) {
         if let Some(k) = self.robots.iter().position(|r| *r == robot) {
-            self.modes.change(|mode| mode.mean += mode.dependence.fixed_columns::<3>(3 * k) * shift);
+            self.modes.change(|mode| mode.mean += mode.dependence[k] * shift);
         }
     }
 
     /// The robot leaves its station: what its error contributed stays as the target's own.
     pub fn forget(&mut self, robot: usize, covariance: &nalgebra::Matrix3<f64>) {
         if let Some(k) = self.robots.iter().position(|r| *r == robot) {
-            self.robots.remove(k);
-            self.modes.take_out_robot(k, covariance);
+            self.robots.swap_remove(k);
+            self.modes.change(|mode| {
+                let d = mode.dependence.swap_remove(k);
+                mode.cov += d * covariance * d.transpose();
+            });
         }
     }
 }

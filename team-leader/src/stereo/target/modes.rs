@@ -4,7 +4,7 @@
 //! One filter for both has to believe of people who stand that they may walk off at any time, and follows those who turn too late: the
 //! squared errors were half of what it said of people who stood, and a fifth more than it said of people who walked.
 
-use nalgebra::{DMatrix, DVector, Matrix3, Matrix5, RowVector3, RowVector5, Vector5};
+use nalgebra::{Matrix5, RowSVector, RowVector3, RowVector5, SMatrix, SVector, Vector5};
 
 use crate::stereo::tails::log_student;
 
@@ -31,7 +31,15 @@ pub const ERRORS_LAST_S: [f64; 2] = [4.0, 0.36];
 const TOP_M2PS: f64 = 2e-5;
 /// Its index in the state, and the length of that.
 pub const TOP: usize = 4;
-const STATES: usize = 5;
+const BODY: usize = 5;
+/// Robots whose lasting errors are followed: those that saw him last.
+pub const OBSERVERS: usize = 4;
+const STATES: usize = BODY + OBSERVERS;
+
+type Mean = SVector<f64, STATES>;
+type Cov = SMatrix<f64, STATES, STATES>;
+/// How the state depends on a robot's pose.
+pub type ToPose = SMatrix<f64, STATES, 3>;
 /// Who is far off is mostly somebody else: variances grow so many times faster than heavy tails alone ask for.
 const FAR_OFF: f64 = 6.0;
 /// No measurement rules out either: least probability.
@@ -40,13 +48,13 @@ const LEAST_PROBABILITY: f64 = 1e-6;
 /// Position and velocity on the floor, height of the top and the lasting errors of the robots' bearings, as far as they are known.
 #[derive(Debug)]
 pub struct Estimate {
-    /// x, y, their velocities, height; then for each robot that contributed, in one order for all estimates of a target, the error of its
-    /// bearings of this body that lasts, as a part of its standard deviation.
-    pub mean: DVector<f64>,
+    /// x, y, their velocities, height; then for each of some robots the error of its bearings of this body that lasts, as a part of its
+    /// standard deviation.
+    pub mean: Mean,
     /// Its covariance given exact poses of the robots.
-    pub cov: DMatrix<f64>,
-    /// How it depends on the poses of the same robots: three columns for each.
-    pub dependence: DMatrix<f64>,
+    pub cov: Cov,
+    /// How it depends on the pose of each robot that contributed, in one order for all estimates of a target.
+    pub dependence: Vec<ToPose>,
 }
 
 impl Clone for Estimate {
@@ -56,60 +64,34 @@ impl Clone for Estimate {
 
     // The derived one would allocate.
     fn clone_from(&mut self, source: &Self) {
-        if self.mean.len() == source.mean.len() {
-            self.mean.copy_from(&source.mean);
-            self.cov.copy_from(&source.cov);
-            self.dependence.copy_from(&source.dependence);
-        } else {
-            *self = source.clone();
-        }
+        (self.mean, self.cov) = (source.mean, source.cov);
+        self.dependence.clone_from(&source.dependence);
     }
 }
 
 impl Estimate {
     fn new(mean: &Vector5<f64>, cov: &Matrix5<f64>) -> Self {
-        Self {
-            mean: DVector::from_column_slice(mean.as_slice()),
-            cov: DMatrix::from_column_slice(STATES, STATES, cov.as_slice()),
-            dependence: DMatrix::zeros(STATES, 0),
-        }
+        let mut all = Self { mean: Mean::zeros(), cov: Cov::identity(), dependence: Vec::new() };
+        all.mean.fixed_rows_mut::<BODY>(0).copy_from(mean);
+        all.cov.fixed_view_mut::<BODY, BODY>(0, 0).copy_from(cov);
+        all
     }
 
-    /// One more robot contributes from now on.
-    fn add_robot(&mut self) {
-        let n = self.mean.len();
-        self.mean.resize_vertically_mut(n + 1, 0.0);
-        self.cov.resize_mut(n + 1, n + 1, 0.0);
-        self.cov[(n, n)] = 1.0;
-        let columns = self.dependence.ncols();
-        self.dependence.resize_mut(n + 1, columns + 3, 0.0);
-    }
-
-    /// A robot's errors, its pose's given by their covariance, become the target's own.
-    fn take_out_robot(&mut self, place: usize, pose: &Matrix3<f64>) {
-        let d = self.dependence.columns(3 * place, 3).into_owned();
-        self.cov += &d * pose * d.transpose();
-        let take = |of: &mut DMatrix<f64>| std::mem::replace(of, DMatrix::zeros(0, 0));
-        self.mean = std::mem::replace(&mut self.mean, DVector::zeros(0)).remove_row(STATES + place);
-        self.cov = take(&mut self.cov).remove_row(STATES + place).remove_column(STATES + place);
-        self.dependence = take(&mut self.dependence).remove_row(STATES + place).remove_columns(3 * place, 3);
+    /// Errors are another robot's from now on.
+    pub fn renew(&mut self, slot: usize) {
+        let entry = BODY + slot;
+        self.mean[entry] = 0.0;
+        self.reset(entry, 1.0);
+        self.dependence.iter_mut().for_each(|d| d.row_mut(entry).fill(0.0));
     }
 
     /// Becomes the mixture of itself and so large a share of another.
     fn blend(&mut self, other: &Self, share: f64) {
-        let (n, own) = (self.mean.len(), 1.0 - share);
-        for j in 0..n {
-            let apart = own * share * (other.mean[j] - self.mean[j]);
-            for i in 0..n {
-                let spread = apart * (other.mean[i] - self.mean[i]);
-                self.cov[(i, j)] = own * self.cov[(i, j)] + share * other.cov[(i, j)] + spread;
-            }
-        }
-        for (m, of) in self.mean.iter_mut().zip(&other.mean) {
-            *m = own * *m + share * of;
-        }
+        let (apart, own) = (other.mean - self.mean, 1.0 - share);
+        self.mean += apart * share;
+        self.cov = self.cov * own + other.cov * share + apart * apart.transpose() * (own * share);
         for (d, of) in self.dependence.iter_mut().zip(&other.dependence) {
-            *d = own * *d + share * of;
+            *d = *d * own + of * share;
         }
     }
 
@@ -124,26 +106,30 @@ impl Estimate {
     fn pass_on(&mut self, to: Option<usize>, from: usize, reach: f64, keep: f64) {
         if let Some(to) = to {
             self.mean[to] += reach * self.mean[from];
-            for o in 0..self.mean.len() {
+            for o in 0..STATES {
                 self.cov[(to, o)] += reach * self.cov[(from, o)];
             }
-            for o in 0..self.mean.len() {
+            for o in 0..STATES {
                 self.cov[(o, to)] += reach * self.cov[(o, from)];
             }
-            for o in 0..self.dependence.ncols() {
-                self.dependence[(to, o)] += reach * self.dependence[(from, o)];
+            for d in &mut self.dependence {
+                for o in 0..3 {
+                    d[(to, o)] += reach * d[(from, o)];
+                }
             }
         }
         self.mean[from] *= keep;
         self.cov.row_mut(from).scale_mut(keep);
         self.cov.column_mut(from).scale_mut(keep);
-        self.dependence.row_mut(from).scale_mut(keep);
+        for d in &mut self.dependence {
+            d.row_mut(from).scale_mut(keep);
+        }
     }
 
     /// Errors of bearings fade within about this time, and others come.
     fn fade(&mut self, dt_s: f64, lasts_s: f64) {
         let keep = (-dt_s / lasts_s).exp();
-        for k in STATES..self.mean.len() {
+        for k in BODY..STATES {
             self.pass_on(None, k, 0.0, keep);
             self.cov[(k, k)] += 1.0 - keep * keep;
         }
@@ -154,7 +140,7 @@ impl Estimate {
         for k in 2..4 {
             self.mean[k] = 0.0;
             self.reset(k, SHIFTS_MPS);
-            self.dependence.row_mut(k).fill(0.0);
+            self.dependence.iter_mut().for_each(|d| d.row_mut(k).fill(0.0));
             self.cov[(k - 2, k - 2)] += SHIFTS_M2PS * dt_s;
         }
         self.fade(dt_s, ERRORS_LAST_S[0]);
@@ -192,24 +178,21 @@ impl Estimate {
         noise: Noise,
         pose: Option<(usize, RowVector3<f64>)>,
     ) -> f64 {
-        let lasting = pose.map(|(robot, _)| (STATES + robot, noise.lasting.sqrt()));
-        let entries = || own.iter().copied().enumerate().chain(lasting);
-        let residual = residual - lasting.map_or(0.0, |(k, part)| part * self.mean[k]);
-        let mut seen = DVector::zeros(self.mean.len());
-        for (k, part) in entries() {
-            seen.axpy(part, &self.cov.column(k), 1.0);
+        let (entry, part) = (BODY + noise.slot, noise.lasting.sqrt());
+        let mut row = RowSVector::<f64, STATES>::zeros();
+        row.fixed_columns_mut::<BODY>(0).copy_from(own);
+        row[entry] = part;
+        let residual = residual - part * self.mean[entry];
+        let seen = self.cov * row.transpose();
+        let var = (row * seen)[0] + noise.var - noise.lasting;
+        let gain = seen / (var + FAR_OFF * (noise.stretch - 1.0) * noise.var);
+        self.mean += gain * residual;
+        self.cov -= gain * seen.transpose();
+        for d in &mut self.dependence {
+            *d -= gain * (row * *d);
         }
-        let expected = entries().map(|(k, part)| part * seen[k]).sum::<f64>();
-        let var = expected + noise.var - noise.lasting;
-        let stretched = var + FAR_OFF * (noise.stretch - 1.0) * noise.var;
-        self.mean.axpy(residual / stretched, &seen, 1.0);
-        self.cov.ger(-1.0 / stretched, &seen, &seen, 1.0);
-        for c in 0..self.dependence.ncols() {
-            let mut by: f64 = entries().map(|(k, part)| part * self.dependence[(k, c)]).sum();
-            if let Some((_, to_pose)) = pose.filter(|(robot, _)| *robot == c / 3) {
-                by += to_pose[c % 3];
-            }
-            self.dependence.column_mut(c).axpy(-by / stretched, &seen, 1.0);
+        if let Some((robot, to_pose)) = pose {
+            self.dependence[robot] -= gain * to_pose;
         }
         log_student(residual * residual / var, var).exp()
     }
@@ -222,13 +205,15 @@ pub struct Noise {
     pub var: f64,
     /// Its part that lasts: the error is much the same in the next frames of the same robot.
     pub lasting: f64,
+    /// Whose lasting error it is.
+    pub slot: usize,
     /// By the tails of its errors ([`crate::stereo::tails::stretch`]): the state moves as if the variance were larger.
     pub stretch: f64,
 }
 
 impl From<f64> for Noise {
     fn from(var: f64) -> Self {
-        Self { var, lasting: 0.0, stretch: 1.0 }
+        Self { var, lasting: 0.0, slot: 0, stretch: 1.0 }
     }
 }
 
@@ -278,7 +263,7 @@ impl Modes {
         pose: Option<(usize, RowVector3<f64>)>,
     ) {
         let off =
-            |mode: &Estimate| residual - (0..STATES).map(|k| own[k] * (mode.mean[k] - self.both.mean[k])).sum::<f64>();
+            |mode: &Estimate| residual - (0..BODY).map(|k| own[k] * (mode.mean[k] - self.both.mean[k])).sum::<f64>();
         let (if_stands, if_walks) = (off(&self.stands), off(&self.walks));
         let stands = (1.0 - self.walking) * self.stands.correct(own, if_stands, noise, pose);
         let walks = self.walking * self.walks.correct(own, if_walks, noise, pose);
@@ -287,16 +272,6 @@ impl Modes {
             self.walking = (walks / (stands + walks)).clamp(LEAST_PROBABILITY, 1.0 - LEAST_PROBABILITY);
         }
         self.mix();
-    }
-
-    /// One more robot contributes from now on.
-    pub fn add_robot(&mut self) {
-        self.change(Estimate::add_robot);
-    }
-
-    /// A robot contributes no longer; the covariance of its pose.
-    pub fn take_out_robot(&mut self, place: usize, pose: &Matrix3<f64>) {
-        self.change(|mode| mode.take_out_robot(place, pose));
     }
 
     /// The same for whichever he does.
