@@ -21,6 +21,10 @@ const MOST_REPEAT: f64 = 3.0;
 const UNSURE_M: f64 = 0.15;
 /// How much less a range from feet, head and width says with every frame: the gait, the clothes, the shadow stay.
 const RANGE_REPEAT: f64 = 10.0;
+/// No frame is like another after so long, seconds.
+const LONG_S: f64 = 1.0;
+/// Within so long nobody moves enough to be followed, seconds: of a team of twenty a frame comes every five milliseconds.
+const STEP_S: f64 = 0.015;
 /// What a frame counts for, apart from others and in one region with them: errors of successive frames are alike.
 const TEMPER: f64 = 0.5;
 const TEMPER_MERGED: f64 = 0.3;
@@ -77,8 +81,8 @@ pub struct Seen {
 }
 
 impl Seen {
-    /// A sight as a bearing of a target at `range_m`.
-    fn bearing(&self, config: &TargetConfig, sight: &Sight, range_m: f64) -> BearingFrom {
+    /// A sight as a bearing of a target at `range_m`, the first of this robot for so long.
+    fn bearing(&self, config: &TargetConfig, sight: &Sight, range_m: f64, interval_s: f64) -> BearingFrom {
         let range_m = range_m.max(0.3);
         let timing = 1.2 * self.at_sigma_s / range_m;
         let of_body = config.filter_var(sight.sigma_rad, range_m);
@@ -89,6 +93,7 @@ impl Seen {
             var: of_body + timing * timing,
             lasting: LASTING * of_body,
             at: self.at,
+            interval_s,
         }
     }
 }
@@ -139,7 +144,9 @@ impl State {
 
     /// Goes on by a frame, in which `sight` is this object's.
     pub fn take(&mut self, seen: &Seen, sight: Option<&Sight>, looks: &Looks, context: &Context<'_>) {
-        self.target.predict(seen.newest);
+        if self.target.since_s(seen.newest) > STEP_S {
+            self.target.predict(seen.newest);
+        }
         match sight {
             Some(sight) => self.measure(seen, sight, looks, context),
             None if self.should_be_seen(seen) => self.score -= UNSEEN,
@@ -162,7 +169,7 @@ impl State {
     /// How far away the object is (m), and how a sight fits it: squared residual over its variance, and the variance, rad².
     fn fit(&self, seen: &Seen, sight: &Sight, context: &Context<'_>) -> (f64, f64, f64) {
         let range_m = self.target.range_m(&seen.pose, seen.at);
-        let m = seen.bearing(context.config, sight, range_m);
+        let m = seen.bearing(context.config, sight, range_m, LONG_S);
         let (d2, var) = gate_distance2(&self.target.innovation(&m), &self.target, &m, context);
         (range_m, d2, var)
     }
@@ -197,9 +204,9 @@ impl State {
 
         let alone = self.observers.iter().all(|o| o.robot == seen.robot || seen.at.seconds_since(o.at) > OBSERVED_S);
         let before = self.observers.iter().find(|o| o.robot == seen.robot).map(|o| o.at);
-        let since_s = before.map_or(1.0, |b| seen.at.seconds_since(b)).max(1e-3);
+        let since_s = before.map_or(LONG_S, |b| seen.at.seconds_since(b)).max(1e-3);
         let repeat = config.repeat(since_s, MOST_REPEAT);
-        let mut m = seen.bearing(config, sight, range_m);
+        let mut m = seen.bearing(config, sight, range_m, since_s);
         m.var += (m.var - m.lasting) * (config.faster(since_s) - 1.0);
         self.target.update_stretched(&m, stretch(d2));
         self.two_robots |= !alone;

@@ -270,7 +270,7 @@ mod tests {
                 let error = LASTING.sqrt() * errors[robot] + normal((1.0 - LASTING).sqrt());
                 let bearing_rad = post.pose.bearing_to(place) + var.sqrt() * error;
                 let pose = Pose2::new(post.pose.x_m + moved.x, post.pose.y_m + moved.y, post.pose.heading_rad);
-                let m = BearingFrom { robot, pose, bearing_rad, var, lasting: LASTING * var, at };
+                let m = BearingFrom { robot, pose, bearing_rad, var, lasting: LASTING * var, at, interval_s: 0.1 };
                 let innovation = target.innovation(&m);
                 target.update_stretched(&m, stretch(innovation.residual_rad.powi(2) / innovation.var));
             }

@@ -18,7 +18,7 @@ use crate::calibration::kernel;
 
 mod modes;
 
-use modes::{Modes, NEW_VELOCITY_MPS, Noise, OBSERVERS, TOP, ToPose};
+use modes::{Lasting, Measured, Modes, NEW_VELOCITY_MPS, TOP};
 
 pub use modes::{ERRORS_LAST_S, LASTING, SHIFTS_M2PS, STANDS_S, VELOCITY_MEMORY_S, WALKS_S};
 
@@ -51,10 +51,6 @@ struct RangeInnovation {
 #[derive(Debug, Clone)]
 pub struct Target {
     modes: Modes,
-    /// Whose errors it depends on.
-    robots: Vec<usize>,
-    /// Whose lasting errors are followed, and when each saw it last.
-    observers: [Option<(usize, Timestamp)>; OBSERVERS],
     at: Timestamp,
     acceleration_m2ps3: f64,
     top_seen: bool,
@@ -92,6 +88,8 @@ pub struct BearingFrom {
     pub lasting: f64,
     /// Capture, leader's clock.
     pub at: Timestamp,
+    /// Since the same robot's bearing before, seconds.
+    pub interval_s: f64,
 }
 
 /// How a bearing fits.
@@ -125,22 +123,15 @@ impl Target {
         let (p, v) = (NEW_POSITION_M.powi(2), NEW_VELOCITY_MPS.powi(2));
         let mean = Vector5::new(position.x, position.y, 0.0, 0.0, top_m.0);
         let cov = Matrix5::from_diagonal(&Vector5::new(p, p, v, v, top_m.1 * top_m.1));
-        Self {
-            modes: Modes::new(&mean, &cov),
-            robots: Vec::new(),
-            observers: [None; OBSERVERS],
-            at,
-            acceleration_m2ps3,
-            top_seen: false,
-        }
+        Self { modes: Modes::new(&mean, &cov), at, acceleration_m2ps3, top_seen: false }
     }
 
-    fn mean(&self) -> Vector5<f64> {
-        self.modes.both().mean.fixed_rows::<5>(0).into_owned()
+    fn mean(&self) -> &Vector5<f64> {
+        self.modes.mean()
     }
 
-    fn cov(&self) -> Matrix5<f64> {
-        self.modes.both().cov.fixed_view::<5, 5>(0, 0).into_owned()
+    fn cov(&self) -> &Matrix5<f64> {
+        self.modes.cov()
     }
 
     /// Where it is at the state's time.
@@ -160,8 +151,7 @@ impl Target {
 
     /// ∂(x, y)/∂(pose of each standing robot).
     pub fn dependence(&self) -> impl Iterator<Item = (usize, nalgebra::Matrix2x3<f64>)> + '_ {
-        let of_place = |d: &ToPose| d.fixed_view::<2, 3>(0, 0).into_owned();
-        self.robots.iter().copied().zip(self.modes.both().dependence.iter().map(of_place))
+        self.modes.dependence()
     }
 
     /// Larger axis of the own covariance, m.
@@ -175,9 +165,14 @@ impl Target {
         ((self.mean()[TOP], self.cov()[(TOP, TOP)].max(TOP_FLOOR_M.powi(2))), self.top_seen)
     }
 
+    /// How long it was not predicted, seconds.
+    pub fn since_s(&self, at: Timestamp) -> f64 {
+        at.seconds_since(self.at)
+    }
+
     /// Predicts to `at`; backwards is ignored.
     pub fn predict(&mut self, at: Timestamp) {
-        let dt = at.seconds_since(self.at).min(LONGEST_STEP_S);
+        let dt = self.since_s(at).min(LONGEST_STEP_S);
         if dt <= 0.0 {
             return;
         }
@@ -214,42 +209,27 @@ impl Target {
 
     /// Uses a bearing that is far off, and moves the target as if its variance were so many times larger.
     pub fn update_stretched(&mut self, m: &BearingFrom, stretch: f64) {
-        let innovation = self.innovation(m);
-        let noise = Noise { var: m.var, lasting: m.lasting, slot: self.slot_of(m), stretch };
-        self.correct(&innovation.own, innovation.residual_rad, noise, Some((m.robot, innovation.other)));
-    }
-
-    /// A measurement h of the state, whose derivatives to it and to the pose of a robot are given, `residual` off.
-    fn correct(&mut self, own: &RowVector5<f64>, residual: f64, noise: Noise, pose: Option<(usize, RowVector3<f64>)>) {
-        let pose = pose.map(|(robot, to_pose)| (self.place_of(robot), to_pose));
-        self.modes.correct(own, residual, noise, pose);
-    }
-
-    /// Which of the lasting errors is a robot's, which has it from now on in the place of whoever saw the target longest ago.
-    fn slot_of(&mut self, m: &BearingFrom) -> usize {
-        let own = self.observers.iter().position(|o| o.is_some_and(|(robot, _)| robot == m.robot));
-        let slot = own.unwrap_or_else(|| {
-            let oldest = (0..OBSERVERS).min_by_key(|k| self.observers[*k].map(|(_, at)| at)).unwrap_or_default();
-            self.modes.change(|mode| mode.renew(oldest));
-            oldest
+        let Innovation { own, residual_rad: residual, other, .. } = self.innovation(m);
+        let lasting = Lasting { robot: m.robot, at: m.at, interval_s: m.interval_s, var: m.lasting };
+        self.modes.correct(&Measured {
+            own,
+            pose: Some((m.robot, other)),
+            residual,
+            var: m.var - m.lasting,
+            stretch,
+            lasting: Some(lasting),
         });
-        self.observers[slot] = Some((m.robot, m.at));
-        slot
     }
 
-    /// Where a robot is in the dependence, which it is in from now on.
-    fn place_of(&mut self, robot: usize) -> usize {
-        self.robots.iter().position(|r| *r == robot).unwrap_or_else(|| {
-            self.robots.push(robot);
-            self.modes.change(|mode| mode.dependence.push(ToPose::zeros()));
-            self.robots.len() - 1
-        })
+    /// Uses a measurement all of whose error is new, by its derivatives to the state and to the pose of a robot.
+    fn correct(&mut self, own: &RowVector5<f64>, residual: f64, var: f64, pose: Option<(usize, RowVector3<f64>)>) {
+        self.modes.correct(&Measured { own: *own, pose, residual, var, stretch: 1.0, lasting: None });
     }
 
     /// Uses a range along the floor from a robot (weak; for targets that one robot alone sees).
     pub fn update_range(&mut self, pose: &Pose2, range_m: f64, var: f64) {
         let innovation = self.range_innovation(pose, range_m, var);
-        self.correct(&innovation.own, innovation.residual, var.into(), None);
+        self.correct(&innovation.own, innovation.residual, var, None);
     }
 
     /// Uses a measured range along the floor from a robot, whose pose's error it shares from then on; not beyond
@@ -257,7 +237,7 @@ impl Target {
     pub fn update_measured_range(&mut self, robot: usize, pose: &Pose2, range_m: f64, var: f64) {
         let innovation = self.range_innovation(pose, range_m, var);
         if innovation.residual.powi(2) <= RANGE_GATE_SIGMAS.powi(2) * innovation.var {
-            self.correct(&innovation.own, innovation.residual, var.into(), Some((robot, innovation.to_pose)));
+            self.correct(&innovation.own, innovation.residual, var, Some((robot, innovation.to_pose)));
         }
     }
 
@@ -290,41 +270,25 @@ impl Target {
         if d2 > TOP_GATE_SIGMAS.powi(2) {
             return;
         }
-        self.correct(&own, residual, noise.into(), Some((m.robot, RowVector3::from(to_pose) * to_range)));
+        self.correct(&own, residual, noise, Some((m.robot, RowVector3::from(to_pose) * to_range)));
         self.top_seen = true;
     }
 
     /// Takes over the height of the top from what was known of the same object before.
     pub fn keep_top(&mut self, before: &Self) {
         let ((top_m, var), seen) = before.top_m();
-        self.modes.change(|mode| {
-            mode.mean[TOP] = top_m;
-            mode.cov.row_mut(TOP).fill(0.0);
-            mode.cov.column_mut(TOP).fill(0.0);
-            mode.cov[(TOP, TOP)] = var;
-            for d in &mut mode.dependence {
-                d.row_mut(TOP).fill(0.0);
-            }
-        });
+        self.modes.set_top(top_m, var);
         self.top_seen = seen;
     }
 
     /// The robot's pose was corrected by `shift` (x, y, heading).
     pub fn shift(&mut self, robot: usize, shift: &Vector3<f64>) {
-        if let Some(k) = self.robots.iter().position(|r| *r == robot) {
-            self.modes.change(|mode| mode.mean += mode.dependence[k] * shift);
-        }
+        self.modes.shift(robot, shift);
     }
 
     /// The robot leaves its station: what its error contributed stays as the target's own.
     pub fn forget(&mut self, robot: usize, covariance: &nalgebra::Matrix3<f64>) {
-        if let Some(k) = self.robots.iter().position(|r| *r == robot) {
-            self.robots.swap_remove(k);
-            self.modes.change(|mode| {
-                let d = mode.dependence.swap_remove(k);
-                mode.cov += d * covariance * d.transpose();
-            });
-        }
+        self.modes.forget(robot, covariance);
     }
 }
 
