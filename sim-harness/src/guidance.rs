@@ -218,7 +218,10 @@ mod tests {
     fn a_robot_that_goes_where_it_is_told_sees_the_error_fall_as_it_was_told() {
         let report = run(0..8, &|| {}).unwrap();
         assert!(report.followed >= 4, "{}", report.followed);
-        assert!(report.achieved_after_m < report.achieved_before_m, "{report:?}");
+        // What robots say of people scatters less than how far off they are: of eight rooms it alone shows a fall of a tenth.
+        let stated =
+            |of: fn(&Run) -> f64| report.runs.iter().filter(|r| r.told.is_some()).map(|r| of(r).powi(2)).sum::<f64>();
+        assert!(stated(|r| r.stated_after_m) < 0.9 * stated(|r| r.stated_before_m), "{report:?}");
         // One room's error scatters by a fifth (20 s of three people, one calibration): three sigmas of seven rooms. The
         // command's forty rooms tell whether it is within 15 %.
         assert!((report.there - 1.0).abs() < 0.23, "{report:?}");

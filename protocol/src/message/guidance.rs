@@ -16,7 +16,7 @@ pub struct Guidance {
     pub at: Timestamp,
     /// Where, in the team frame.
     pub team_from_goal: Pose2,
-    /// RMS error of the present targets here, metres.
+    /// Expected RMS error of the present targets here where nobody hides another, metres; the map states more.
     pub error_here_m: f64,
     /// The same at the goal.
     pub error_there_m: f64,

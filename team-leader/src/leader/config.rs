@@ -152,7 +152,7 @@ impl Default for CalibrationConfig {
 pub struct TargetConfig {
     /// Power of the white acceleration of a walking person, m²/s³.
     pub acceleration_m2ps3: f64,
-    /// The same of people who walk and stand, where one filter stands for both, m²/s³: in the estimate of systematic errors.
+    /// The same of people who walk and stand as they usually do, m²/s³: for the estimate of systematic errors, and what guidance expects.
     pub usual_acceleration_m2ps3: f64,
     /// Sway of the seen axis about the true one beyond what robots state of it, metres. Agents of this project state all of it.
     pub axis_sway_m: f64,

@@ -1,17 +1,21 @@
-//! What the running leader's map would say of its targets if a robot stood elsewhere.
+//! How far off the running leader's map would be of its targets if a robot stood elsewhere.
 //!
 //! The error of a target in the map has two parts (`cov = own + J Σ Jᵀ`). Its own: what the two filters of [`crate::stereo::target`]
 //! come to rest at under a stream of bearings, weighted by how much of their time people walk. Along each axis of the bearings'
 //! information that is a filter of position, velocity and error that lasts by itself, so its end is found once for some
 //! informations and read off between them. Who walks is past a place before the filter rests there: the information of a
 //! place is that of its neighbourhood. The robots': their joint covariance after the move, through the weights that the rays
-//! have. So what is expected is what the same leader will state, and achieve where its covariances are honest.
+//! have.
+//!
+//! Filters hold a reserve: robots take people who hide each other for one another, and people turn at any time. Nobody can say where that
+//! will happen, so what is expected is the error where it does not: of a filter that weighs bearings and motion as the leader's does, while
+//! bearings err as robots say and people move as they usually do. The map states about a quarter more.
 
 use nalgebra::{DMatrix, Matrix2, Matrix3, RowVector2, RowVector3, Vector2, Vector3};
 use protocol::frames::Pose2;
 
 use crate::calibration::kernel;
-use crate::leader::config::TargetConfig;
+use crate::leader::config::{FILTER_VAR, TargetConfig};
 use crate::stereo::target::{ERRORS_LAST_S, LASTING, SHIFTS_M2PS, STANDS_S, VELOCITY_MEMORY_S, WALKS_S};
 
 /// Nobody's bearing counts from further away, metres.
@@ -104,7 +108,7 @@ impl BlurLine {
 pub struct Outlook {
     config: TargetConfig,
     rate_hz: f64,
-    /// Logarithms of the variances at rest.
+    /// Logarithms of the errors' variances at rest.
     rests: Vec<f64>,
 }
 
@@ -112,8 +116,7 @@ impl Outlook {
     /// Of robots that see no oftener than `rate_hz`.
     pub fn new(config: &TargetConfig, rate_hz: f64) -> Self {
         let rate_hz = rate_hz.clamp(RATES_HZ[0], RATES_HZ[1]);
-        let rest =
-            |k: usize| rest_m2((FIRST_LOG + k as f64 / A_UNIT).exp(), 1.0 / rate_hz, config.acceleration_m2ps3).ln();
+        let rest = |k: usize| rest_m2((FIRST_LOG + k as f64 / A_UNIT).exp(), 1.0 / rate_hz, config).ln();
         Self { config: *config, rate_hz, rests: (0..RESTS).map(rest).collect() }
     }
 
@@ -153,7 +156,7 @@ impl Outlook {
         (sum.is_finite() && shared_m2 >= 0.0).then_some(sum)
     }
 
-    /// The variance that a filter rests at along an axis that a frame of all robots tells with this variance.
+    /// The variance of the error that a filter rests at along an axis that a frame of all robots tells with this variance.
     fn rest_m2(&self, frame_m2: f64) -> f64 {
         let place = ((frame_m2.ln() - FIRST_LOG) * A_UNIT).clamp(0.0, (RESTS - 1) as f64);
         let (first, part) = (place as usize, place.fract());
@@ -162,32 +165,56 @@ impl Outlook {
     }
 }
 
-/// The same, found by going on until it rests: who walks for as long as it takes, and who then has stood for as long as people do.
-fn rest_m2(frame_m2: f64, interval_s: f64, acceleration_m2ps3: f64) -> f64 {
-    let dt = interval_s;
-    let sight = RowVector3::new(1.0, 0.0, (LASTING * frame_m2).sqrt());
-    // Position, velocity, error that lasts.
-    let go_on = |cov: &mut Matrix3<f64>, step: &Matrix3<f64>, grows: &Matrix3<f64>, time_s: f64| {
-        for _ in 0..(time_s / dt).ceil() as usize {
-            *cov = step * *cov * step.transpose() + grows;
-            let seen = *cov * sight.transpose();
-            *cov -= seen * seen.transpose() / ((sight * seen)[0] + (1.0 - LASTING) * frame_m2);
+/// Position, velocity and error that lasts of a filter along one axis: what it believes of their errors, and their errors.
+struct Axis {
+    believed: Matrix3<f64>,
+    actual: Matrix3<f64>,
+}
+
+impl Axis {
+    /// Goes on for so long with frames of this variance, as it believes.
+    fn go_on(&mut self, frame_m2: f64, frames: usize, step: &Matrix3<f64>, [believed, actual]: [&Matrix3<f64>; 2]) {
+        let sight = RowVector3::new(1.0, 0.0, (LASTING * frame_m2).sqrt());
+        let new_m2 = (1.0 - LASTING) * frame_m2;
+        for _ in 0..frames {
+            self.believed = step * self.believed * step.transpose() + believed;
+            self.actual = step * self.actual * step.transpose() + actual;
+            let seen = self.believed * sight.transpose();
+            let gain = seen / ((sight * seen)[0] + new_m2);
+            self.believed -= gain * seen.transpose();
+            let left = Matrix3::identity() - gain * sight;
+            self.actual = left * self.actual * left.transpose() + gain * gain.transpose() * (new_m2 / FILTER_VAR);
         }
-        cov[(0, 0)]
-    };
+    }
+}
+
+/// The same, found by going on until it rests: who walks for as long as it takes, and who then has stood for as long as people do.
+fn rest_m2(frame_m2: f64, interval_s: f64, config: &TargetConfig) -> f64 {
+    let dt = interval_s;
+    let frames = |time_s: f64| (time_s / dt).ceil() as usize;
     let keep = |lasts_s: f64| (-dt / lasts_s).exp();
     let (velocity, [error, standing_error]) =
         (keep(VELOCITY_MEMORY_S), [keep(ERRORS_LAST_S[1]), keep(ERRORS_LAST_S[0])]);
     let walk = Matrix3::new(1.0, VELOCITY_MEMORY_S * (1.0 - velocity), 0.0, 0.0, velocity, 0.0, 0.0, 0.0, error);
     let (pp, pv) = (dt.powi(3) / 3.0, dt * dt / 2.0);
-    let mut walked = acceleration_m2ps3 * Matrix3::new(pp, pv, 0.0, pv, dt, 0.0, 0.0, 0.0, 0.0);
-    walked[(2, 2)] = 1.0 - error * error;
+    let walked = |acceleration_m2ps3: f64, lasting: f64| {
+        let mut grows = acceleration_m2ps3 * Matrix3::new(pp, pv, 0.0, pv, dt, 0.0, 0.0, 0.0, 0.0);
+        grows[(2, 2)] = lasting * (1.0 - error * error);
+        grows
+    };
     let stand = Matrix3::from_diagonal(&Vector3::new(1.0, 0.0, standing_error));
-    let stood = Matrix3::from_diagonal(&Vector3::new(SHIFTS_M2PS * dt, 0.0, 1.0 - standing_error.powi(2)));
-    let mut cov = Matrix3::from_diagonal(&Vector3::new(frame_m2, acceleration_m2ps3 * 0.5 * VELOCITY_MEMORY_S, 1.0));
-    let walks_m2 = go_on(&mut cov, &walk, &walked, RESTS_S);
-    let stands_m2 = go_on(&mut cov, &stand, &stood, STANDS_S);
-    WALKING * walks_m2 + (1.0 - WALKING) * stands_m2
+    let stood = |shifts_m2ps: f64, lasting: f64| {
+        Matrix3::from_diagonal(&Vector3::new(shifts_m2ps * dt, 0.0, lasting * (1.0 - standing_error.powi(2))))
+    };
+    let start = |acceleration_m2ps3: f64, lasting: f64| {
+        Matrix3::from_diagonal(&Vector3::new(frame_m2, acceleration_m2ps3 * 0.5 * VELOCITY_MEMORY_S, lasting))
+    };
+    let (believed, actual) = ((config.acceleration_m2ps3, 1.0), (config.usual_acceleration_m2ps3, 1.0 / FILTER_VAR));
+    let mut axis = Axis { believed: start(believed.0, believed.1), actual: start(actual.0, actual.1) };
+    axis.go_on(frame_m2, frames(RESTS_S), &walk, [&walked(believed.0, believed.1), &walked(actual.0, actual.1)]);
+    let walks_m2 = axis.actual[(0, 0)];
+    axis.go_on(frame_m2, frames(STANDS_S), &stand, [&stood(SHIFTS_M2PS, believed.1), &stood(0.0, actual.1)]);
+    WALKING * walks_m2 + (1.0 - WALKING) * axis.actual[(0, 0)]
 }
 
 /// Whether a post sees a place: near enough, past the other robots.
@@ -217,7 +244,6 @@ pub fn joint(robots: &[usize], covariance: impl Fn(usize, usize) -> Matrix3<f64>
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::leader::config::FILTER_VAR;
     use crate::stereo::tails::stretch;
     use crate::stereo::target::{BearingFrom, Target};
     use protocol::time::Timestamp;
@@ -263,12 +289,13 @@ mod tests {
             target.predict(at);
             for (robot, post) in posts.iter().enumerate() {
                 let range_m = (place - post.pose.position()).norm();
-                let var = FILTER_VAR * (1.6e-5 + (4e-4 + config.axis_sway_m.powi(2)) / range_m.powi(2));
+                let said = 1.6e-5 + (4e-4 + config.axis_sway_m.powi(2)) / range_m.powi(2);
+                let var = FILTER_VAR * said;
                 let lasts_s = ERRORS_LAST_S[usize::from(walks)];
                 let keep = (-0.1 / lasts_s).exp();
                 errors[robot] = keep * errors[robot] + normal((1.0 - keep * keep).sqrt());
                 let error = LASTING.sqrt() * errors[robot] + normal((1.0 - LASTING).sqrt());
-                let bearing_rad = post.pose.bearing_to(place) + var.sqrt() * error;
+                let bearing_rad = post.pose.bearing_to(place) + said.sqrt() * error;
                 let pose = Pose2::new(post.pose.x_m + moved.x, post.pose.y_m + moved.y, post.pose.heading_rad);
                 let m = BearingFrom { robot, pose, bearing_rad, var, lasting: LASTING * var, at, interval_s: 0.1 };
                 let innovation = target.innovation(&m);
@@ -281,15 +308,15 @@ mod tests {
     }
 
     #[test]
-    fn what_is_expected_is_what_the_filter_comes_to() {
+    fn what_is_expected_is_how_far_off_the_filter_is() {
         let config = TargetConfig::default();
         for posts in [vec![post(0.0, 0.0), post(4.0, 0.0)], vec![post(0.0, 0.0), post(4.0, 0.5), post(1.0, 5.0)]] {
             for place in [Vector2::new(2.0, 2.0), Vector2::new(1.0, 3.0)] {
                 let poses = DMatrix::zeros(3 * posts.len(), 3 * posts.len());
                 let expected = expected(&posts, &poses, &[place]).unwrap().sqrt();
                 let [truth, stated] = followed(&posts, place, &config).map(f64::sqrt);
-                assert!((expected / truth - 1.0).abs() < 0.15, "{expected} m expected, {truth} m achieved");
-                assert!((expected / stated - 1.0).abs() < 0.1, "{expected} m expected, {stated} m stated");
+                assert!((expected / truth - 1.0).abs() < 0.08, "{expected} m expected, {truth} m achieved");
+                assert!((1.1..1.4).contains(&(stated / expected)), "{expected} m expected, {stated} m stated");
             }
         }
     }
