@@ -43,6 +43,9 @@ pub enum AgentError {
     /// The camera does not say where it is.
     #[error("the camera's height above the floor is unknown; give [mounting] height_m in the camera file")]
     NoHeight,
+    /// The camera is not one that a team can use: its announcement would be refused.
+    #[error("no team can use this camera: {0}; [mounting] in the camera file says where it is")]
+    Camera(#[from] protocol::codec::Invalid),
     /// The panorama cannot be made from this camera.
     #[error(transparent)]
     Panorama(#[from] crate::panorama::GeometryError),
@@ -317,7 +320,7 @@ fn summary(settings: &AgentSettings, camera: &MountedCamera) -> Result<CameraSum
     let mounting = camera.mounting();
     let [roll, pitch, _] = mounting.sigma.rotation_rpy_rad;
     mounting.height_m().ok_or(AgentError::NoHeight)?;
-    Ok(CameraSummary {
+    let summary = CameraSummary {
         model: camera.camera().model().to_owned(),
         // Where the bearings come from: some millimetres above the lens's focus that the mounting measures.
         height_m: camera.viewpoint_body_m().z,
@@ -325,7 +328,9 @@ fn summary(settings: &AgentSettings, camera: &MountedCamera) -> Result<CameraSum
         tilt_sigma_rad: roll.max(pitch),
         elevation_rad: camera.camera().elevation_rad(),
         frame_rate_hz: settings.frame_rate_hz,
-    })
+    };
+    summary.validate()?;
+    Ok(summary)
 }
 
 #[cfg(test)]

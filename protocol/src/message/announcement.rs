@@ -66,7 +66,11 @@ impl Message for Announcement {
 }
 
 impl CameraSummary {
-    fn validate(&self) -> Result<(), Invalid> {
+    /// Whether everything is legal, as whoever receives it will ask.
+    ///
+    /// # Errors
+    /// The first field that is not, its value and what would be right.
+    pub fn validate(&self) -> Result<(), Invalid> {
         check::text("camera.model", &self.model, MAX_WORD_LEN)?;
         check::positive("camera.height_m", self.height_m, 10.0)?;
         check::in_range("camera.height_sigma_m", self.height_sigma_m, 0.0, 10.0)?;

@@ -284,6 +284,15 @@ fn a_camera_without_a_height_is_refused_with_the_key_to_give() {
     assert!(error.contains("[mounting] height_m"), "{error}");
 }
 
+#[test]
+fn a_camera_below_the_floor_or_above_every_robot_is_refused_before_the_team_does() {
+    for height_m in [-1.0, 15.0] {
+        let camera = MountedCamera::reference(height_m);
+        let error = Agent::new(AgentSettings::new(r1(), marker()), camera, 1).unwrap_err().to_string();
+        assert!(error.contains("camera.height_m") && error.contains("at most 10"), "{error}");
+    }
+}
+
 fn agent() -> Agent {
     agent_with(|_| {})
 }

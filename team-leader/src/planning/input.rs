@@ -21,7 +21,7 @@ const MAX_REACH_M: f64 = 50.0;
 
 /// As written.
 #[derive(Debug, Clone, Deserialize)]
-#[serde(deny_unknown_fields)]
+#[serde(deny_unknown_fields, expecting = "an object with robots and targets")]
 pub struct PlanInput {
     /// At least two; the first one's pose is the frame.
     pub robots: Vec<RawRobot>,

@@ -21,7 +21,7 @@ pub const PIECE_S: f64 = 0.4;
 
 /// One problem as written.
 #[derive(Debug, Clone, Default, Deserialize)]
-#[serde(deny_unknown_fields)]
+#[serde(deny_unknown_fields, expecting = "an object with robots, sightings, bearings")]
 pub struct RawProblem {
     /// Seconds; in sequences.
     pub time_s: Option<f64>,
