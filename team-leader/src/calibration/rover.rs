@@ -14,6 +14,7 @@ use protocol::time::Timestamp;
 use super::block::{Block, Departed};
 use super::kernel;
 use super::slot::Sighted;
+use crate::stereo::motion::Step;
 
 /// How long a speed lasts, seconds.
 const SPEED_MEMORY_S: f64 = 1.5;
@@ -151,8 +152,9 @@ impl Rover {
             return;
         }
         self.at = at;
-        let keep = if standing { 0.0 } else { (-dt / SPEED_MEMORY_S).exp() };
-        let reach = if standing { 0.0 } else { SPEED_MEMORY_S * (1.0 - keep) };
+        let step = |power: f64| Step::over(dt, SPEED_MEMORY_S, power);
+        let Step { reach_s, keep_velocity, .. } = step(0.0);
+        let (reach, keep) = if standing { (0.0, 0.0) } else { (reach_s, keep_velocity) };
         let mut f = Matrix6::identity();
         for k in 0..3 {
             f[(k, k + 3)] = reach;
@@ -170,11 +172,11 @@ impl Rover {
                 self.cov[(k + 3, k + 3)] = (0.02 * sigma).powi(2);
                 continue;
             }
-            let q = 2.0 * sigma * sigma / SPEED_MEMORY_S;
-            self.cov[(k, k)] += q * dt.powi(3) / 3.0;
-            self.cov[(k, k + 3)] += q * dt * dt / 2.0;
-            self.cov[(k + 3, k)] += q * dt * dt / 2.0;
-            self.cov[(k + 3, k + 3)] += q * dt;
+            let [place, both, velocity] = step(2.0 * sigma * sigma / SPEED_MEMORY_S).grows;
+            self.cov[(k, k)] += place;
+            self.cov[(k, k + 3)] += both;
+            self.cov[(k + 3, k)] += both;
+            self.cov[(k + 3, k + 3)] += velocity;
         }
     }
 

@@ -11,11 +11,14 @@
 //! will happen, so what is expected is the error where it does not: of a filter that weighs bearings and motion as the leader's does, while
 //! bearings err as robots say and people move as they usually do. The map states about a quarter more.
 
+use std::sync::OnceLock;
+
 use nalgebra::{DMatrix, Matrix2, Matrix3, RowVector2, RowVector3, Vector2, Vector3};
 use protocol::frames::Pose2;
 
 use crate::calibration::kernel;
 use crate::leader::config::{FILTER_VAR, TargetConfig};
+use crate::stereo::motion::Step;
 use crate::stereo::target::{ERRORS_LAST_S, LASTING, SHIFTS_M2PS, STANDS_S, VELOCITY_MEMORY_S, WALKS_S};
 
 /// Nobody's bearing counts from further away, metres.
@@ -108,16 +111,15 @@ impl BlurLine {
 pub struct Outlook {
     config: TargetConfig,
     rate_hz: f64,
-    /// Logarithms of the errors' variances at rest.
-    rests: Vec<f64>,
+    /// Logarithms of the errors' variances at rest, found when they are asked for: a look round needs few of them.
+    rests: [OnceLock<f64>; RESTS],
 }
 
 impl Outlook {
     /// Of robots that see no oftener than `rate_hz`.
     pub fn new(config: &TargetConfig, rate_hz: f64) -> Self {
         let rate_hz = rate_hz.clamp(RATES_HZ[0], RATES_HZ[1]);
-        let rest = |k: usize| rest_m2((FIRST_LOG + k as f64 / A_UNIT).exp(), 1.0 / rate_hz, config).ln();
-        Self { config: *config, rate_hz, rests: (0..RESTS).map(rest).collect() }
+        Self { config: *config, rate_hz, rests: std::array::from_fn(|_| OnceLock::new()) }
     }
 
     /// Mean square error (trace of the position's covariance, m²) over places where targets are. `poses`: the posts' joint
@@ -161,7 +163,12 @@ impl Outlook {
         let place = ((frame_m2.ln() - FIRST_LOG) * A_UNIT).clamp(0.0, (RESTS - 1) as f64);
         let (first, part) = (place as usize, place.fract());
         let next = (first + 1).min(RESTS - 1);
-        (self.rests[first] * (1.0 - part) + self.rests[next] * part).exp()
+        (self.log_rest(first) * (1.0 - part) + self.log_rest(next) * part).exp()
+    }
+
+    fn log_rest(&self, k: usize) -> f64 {
+        let found = || rest_m2((FIRST_LOG + k as f64 / A_UNIT).exp(), 1.0 / self.rate_hz, &self.config).ln();
+        *self.rests[k].get_or_init(found)
     }
 }
 
@@ -193,14 +200,13 @@ fn rest_m2(frame_m2: f64, interval_s: f64, config: &TargetConfig) -> f64 {
     let dt = interval_s;
     let frames = |time_s: f64| (time_s / dt).ceil() as usize;
     let keep = |lasts_s: f64| (-dt / lasts_s).exp();
-    let (velocity, [error, standing_error]) =
-        (keep(VELOCITY_MEMORY_S), [keep(ERRORS_LAST_S[1]), keep(ERRORS_LAST_S[0])]);
-    let walk = Matrix3::new(1.0, VELOCITY_MEMORY_S * (1.0 - velocity), 0.0, 0.0, velocity, 0.0, 0.0, 0.0, error);
-    let (pp, pv) = (dt.powi(3) / 3.0, dt * dt / 2.0);
+    let [standing_error, error] = ERRORS_LAST_S.map(keep);
+    let step = |acceleration_m2ps3: f64| Step::over(dt, VELOCITY_MEMORY_S, acceleration_m2ps3);
+    let Step { reach_s, keep_velocity, .. } = step(0.0);
+    let walk = Matrix3::new(1.0, reach_s, 0.0, 0.0, keep_velocity, 0.0, 0.0, 0.0, error);
     let walked = |acceleration_m2ps3: f64, lasting: f64| {
-        let mut grows = acceleration_m2ps3 * Matrix3::new(pp, pv, 0.0, pv, dt, 0.0, 0.0, 0.0, 0.0);
-        grows[(2, 2)] = lasting * (1.0 - error * error);
-        grows
+        let [place, both, velocity] = step(acceleration_m2ps3).grows;
+        Matrix3::new(place, both, 0.0, both, velocity, 0.0, 0.0, 0.0, lasting * (1.0 - error * error))
     };
     let stand = Matrix3::from_diagonal(&Vector3::new(1.0, 0.0, standing_error));
     let stood = |shifts_m2ps: f64, lasting: f64| {

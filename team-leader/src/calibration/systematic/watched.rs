@@ -8,10 +8,10 @@ use protocol::time::Timestamp;
 
 use crate::calibration::kernel;
 use crate::leader::config::TargetConfig;
+use crate::stereo::motion::Step;
 use crate::stereo::tails::stretch;
+use crate::stereo::target::VELOCITY_MEMORY_S;
 
-/// How long a velocity lasts, seconds.
-const VELOCITY_MEMORY_S: f64 = 2.5;
 /// A new target's velocity, m/s, and place, m (standard deviations).
 const NEW_VELOCITY_MPS: f64 = 0.7;
 const NEW_POSITION_M: f64 = 0.5;
@@ -204,23 +204,23 @@ impl Watched {
             self.begun = false;
         }
         self.at = at;
-        let keep = (-dt / VELOCITY_MEMORY_S).exp();
+        let Step { reach_s, keep_velocity, grows: [place, both, velocity] } =
+            Step::over(dt, VELOCITY_MEMORY_S, acceleration_m2ps3);
         let mut f = Matrix4::identity();
         for k in 0..2 {
-            f[(k, k + 2)] = VELOCITY_MEMORY_S * (1.0 - keep);
-            f[(k + 2, k + 2)] = keep;
+            f[(k, k + 2)] = reach_s;
+            f[(k + 2, k + 2)] = keep_velocity;
         }
         self.mean = f * self.mean;
         self.cov = f * self.cov * f.transpose();
         for (_, d) in &mut self.by {
             *d = f * *d;
         }
-        let q = acceleration_m2ps3;
         for k in 0..2 {
-            self.cov[(k, k)] += q * dt.powi(3) / 3.0;
-            self.cov[(k, k + 2)] += q * dt * dt / 2.0;
-            self.cov[(k + 2, k)] += q * dt * dt / 2.0;
-            self.cov[(k + 2, k + 2)] += q * dt;
+            self.cov[(k, k)] += place;
+            self.cov[(k, k + 2)] += both;
+            self.cov[(k + 2, k)] += both;
+            self.cov[(k + 2, k + 2)] += velocity;
         }
     }
 }

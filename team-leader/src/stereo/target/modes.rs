@@ -7,6 +7,7 @@
 use nalgebra::{Matrix2x3, Matrix3, Matrix5, RowVector3, RowVector5, Vector3, Vector5};
 use protocol::time::Timestamp;
 
+use crate::stereo::motion::Step;
 use crate::stereo::tails::log_student;
 
 /// How long a velocity lasts, seconds.
@@ -250,11 +251,11 @@ impl Modes {
         self.stands.blend(&self.walks, stopped);
         self.walks.blend(&starter, started);
 
-        let keep = left(VELOCITY_MEMORY_S);
-        let reach_s = VELOCITY_MEMORY_S * (1.0 - keep);
+        let Step { reach_s, keep_velocity, grows: [place, both, velocity] } =
+            Step::over(dt_s, VELOCITY_MEMORY_S, acceleration_m2ps3);
         let [stand, walk] = ERRORS_LAST_S.map(left);
         let stand = Motion { reach_s: 0.0, keep_velocity: 0.0, keep_errors: stand };
-        let walk = Motion { reach_s, keep_velocity: keep, keep_errors: walk };
+        let walk = Motion { reach_s, keep_velocity, keep_errors: walk };
         for d in &mut self.dependence {
             for (stands, walks) in d.stands.iter_mut().zip(&mut d.walks) {
                 let starter = *stands;
@@ -266,14 +267,13 @@ impl Modes {
         }
         self.stands.advance(&stand);
         self.walks.advance(&walk);
-        let q = acceleration_m2ps3;
         for k in 0..2 {
             self.stands.cov[k][k] += SHIFTS_M2PS * dt_s;
             self.stands.cov[k + 2][k + 2] = SHIFTS_MPS * SHIFTS_MPS;
-            self.walks.cov[k][k] += q * dt_s.powi(3) / 3.0;
-            self.walks.cov[k][k + 2] += q * dt_s * dt_s / 2.0;
-            self.walks.cov[k + 2][k] += q * dt_s * dt_s / 2.0;
-            self.walks.cov[k + 2][k + 2] += q * dt_s;
+            self.walks.cov[k][k] += place;
+            self.walks.cov[k][k + 2] += both;
+            self.walks.cov[k + 2][k] += both;
+            self.walks.cov[k + 2][k + 2] += velocity;
         }
         for mode in [&mut self.stands, &mut self.walks] {
             mode.cov[TOP][TOP] += TOP_M2PS * dt_s;
