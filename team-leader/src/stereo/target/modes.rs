@@ -285,23 +285,24 @@ impl Modes {
     pub fn correct(&mut self, m: &Measured) {
         let mut row = [0.0; STATES];
         row[..BODY].copy_from_slice(m.own.as_slice());
-        let mut vars = [m.var; 2];
+        let (mut var, mut further) = (m.var, [0.0; 2]);
         if let Some(lasting) = m.lasting {
             match self.slot_of(&lasting) {
                 Some(slot) => row[BODY + slot] = lasting.var.sqrt(),
-                // Of errors that are not followed so many count as one.
+                // Of errors that are not followed so many count as one, but each is as likely as ever.
                 None => {
                     let alike = |lasts_s: f64| (2.0 * lasts_s / lasting.interval_s).max(1.0);
-                    vars = ERRORS_LAST_S.map(|lasts_s| m.var + lasting.var * alike(lasts_s));
+                    further = ERRORS_LAST_S.map(|lasts_s| lasting.var * (alike(lasts_s) - 1.0));
+                    var += lasting.var;
                 }
             }
         }
-        let widened = FAR_OFF * (m.stretch - 1.0) * (m.var + m.lasting.map_or(0.0, |l| l.var));
+        let far = FAR_OFF * (m.stretch - 1.0) * (m.var + m.lasting.map_or(0.0, |l| l.var));
         let off =
             |mode: &Estimate| m.residual - (0..BODY).map(|k| m.own[k] * (mode.mean[k] - self.mean[k])).sum::<f64>();
         let (if_stands, if_walks) = (off(&self.stands), off(&self.walks));
-        let (by_standing, stands) = self.stands.correct(&row, if_stands, vars[0], widened);
-        let (by_walking, walks) = self.walks.correct(&row, if_walks, vars[1], widened);
+        let (by_standing, stands) = self.stands.correct(&row, if_stands, var, far + further[0]);
+        let (by_walking, walks) = self.walks.correct(&row, if_walks, var, far + further[1]);
         for d in &mut self.dependence {
             for (to_pose, gain) in d.each().into_iter().zip([&by_standing, &by_walking]) {
                 for column in to_pose {
