@@ -86,7 +86,7 @@ const BESIDE_RAD: f64 = 0.01;
 /// A lone outline has nothing to contradict it: it may be half somebody else's. Pixels, beside noise and floor.
 const LONE_EDGE_PX: f64 = 0.2;
 /// Errors of outlines: so many times what noise and texture of independent pixels make (texture is alike along an outline), and what remains
-/// where there is neither, pixels. Of 13,000 outlines in 1,600 rooms, by whether they are known from rings or from an upper end alone, e²/σ² is
+/// where there is neither, pixels. Of 8,600 outlines in 1,600 rooms, by whether they are known from rings or from an upper end alone, e²/σ² is
 /// 0.6 and 0.4 of bodies with rings alone, 1.0 and 0.7 of bodies with bars, where light and bars are hard to tell apart; it is the same from the
 /// faintest to the clearest outlines to within a factor of two. One in 500 is beyond 4 σ.
 const PLAIN_OUTLINE: Outline = Outline { times: 1.5, least_px: 0.03 };
