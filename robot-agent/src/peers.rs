@@ -35,7 +35,6 @@ use protocol::message::observation::{Feature, FeaturePart, PeerSighting, Sighted
 use protocol::quantity::{Angle16, Fraction8, LogSigma, Millimetres};
 use protocol::time::Timestamp;
 
-pub use cylinder::ELEVATION_FLOOR_PX;
 pub use learn::{KnownView, LearnError, Learnt, learn};
 pub use search::Grid;
 use verdict::LEAST_LOG_ODDS;

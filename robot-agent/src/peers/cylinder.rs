@@ -33,7 +33,7 @@ use super::{Before, Find, Peer, PeerFeature};
 use crate::optics::MountedCamera;
 
 /// What remains of the error of a ring edge's elevation when noise has averaged out: shading, sampling, the lens. Pixels.
-pub const ELEVATION_FLOOR_PX: f64 = 0.03;
+const ELEVATION_FLOOR_PX: f64 = 0.03;
 
 // Beyond these limits a fit is not worth a closer look; what remains is judged by all of its traits ([`credible`]).
 /// Least share of the inner columns that show the rings.

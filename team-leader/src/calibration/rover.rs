@@ -152,9 +152,8 @@ impl Rover {
             return;
         }
         self.at = at;
-        let step = |power: f64| Step::over(dt, SPEED_MEMORY_S, power);
-        let Step { reach_s, keep_velocity, .. } = step(0.0);
-        let (reach, keep) = if standing { (0.0, 0.0) } else { (reach_s, keep_velocity) };
+        let step = Step::over(dt, SPEED_MEMORY_S);
+        let (reach, keep) = if standing { (0.0, 0.0) } else { (step.reach_s, step.keep_velocity) };
         let mut f = Matrix6::identity();
         for k in 0..3 {
             f[(k, k + 3)] = reach;
@@ -172,7 +171,7 @@ impl Rover {
                 self.cov[(k + 3, k + 3)] = (0.02 * sigma).powi(2);
                 continue;
             }
-            let [place, both, velocity] = step(2.0 * sigma * sigma / SPEED_MEMORY_S).grows;
+            let [place, both, velocity] = step.grows(2.0 * sigma * sigma / SPEED_MEMORY_S);
             self.cov[(k, k)] += place;
             self.cov[(k, k + 3)] += both;
             self.cov[(k + 3, k)] += both;

@@ -201,11 +201,10 @@ fn rest_m2(frame_m2: f64, interval_s: f64, config: &TargetConfig) -> f64 {
     let frames = |time_s: f64| (time_s / dt).ceil() as usize;
     let keep = |lasts_s: f64| (-dt / lasts_s).exp();
     let [standing_error, error] = ERRORS_LAST_S.map(keep);
-    let step = |acceleration_m2ps3: f64| Step::over(dt, VELOCITY_MEMORY_S, acceleration_m2ps3);
-    let Step { reach_s, keep_velocity, .. } = step(0.0);
-    let walk = Matrix3::new(1.0, reach_s, 0.0, 0.0, keep_velocity, 0.0, 0.0, 0.0, error);
+    let step = Step::over(dt, VELOCITY_MEMORY_S);
+    let walk = Matrix3::new(1.0, step.reach_s, 0.0, 0.0, step.keep_velocity, 0.0, 0.0, 0.0, error);
     let walked = |acceleration_m2ps3: f64, lasting: f64| {
-        let [place, both, velocity] = step(acceleration_m2ps3).grows;
+        let [place, both, velocity] = step.grows(acceleration_m2ps3);
         Matrix3::new(place, both, 0.0, both, velocity, 0.0, 0.0, 0.0, lasting * (1.0 - error * error))
     };
     let stand = Matrix3::from_diagonal(&Vector3::new(1.0, 0.0, standing_error));

@@ -204,12 +204,12 @@ impl Watched {
             self.begun = false;
         }
         self.at = at;
-        let Step { reach_s, keep_velocity, grows: [place, both, velocity] } =
-            Step::over(dt, VELOCITY_MEMORY_S, acceleration_m2ps3);
+        let step = Step::over(dt, VELOCITY_MEMORY_S);
+        let [place, both, velocity] = step.grows(acceleration_m2ps3);
         let mut f = Matrix4::identity();
         for k in 0..2 {
-            f[(k, k + 2)] = reach_s;
-            f[(k + 2, k + 2)] = keep_velocity;
+            f[(k, k + 2)] = step.reach_s;
+            f[(k + 2, k + 2)] = step.keep_velocity;
         }
         self.mean = f * self.mean;
         self.cov = f * self.cov * f.transpose();

@@ -251,11 +251,11 @@ impl Modes {
         self.stands.blend(&self.walks, stopped);
         self.walks.blend(&starter, started);
 
-        let Step { reach_s, keep_velocity, grows: [place, both, velocity] } =
-            Step::over(dt_s, VELOCITY_MEMORY_S, acceleration_m2ps3);
+        let step = Step::over(dt_s, VELOCITY_MEMORY_S);
+        let [place, both, velocity] = step.grows(acceleration_m2ps3);
         let [stand, walk] = ERRORS_LAST_S.map(left);
         let stand = Motion { reach_s: 0.0, keep_velocity: 0.0, keep_errors: stand };
-        let walk = Motion { reach_s, keep_velocity, keep_errors: walk };
+        let walk = Motion { reach_s: step.reach_s, keep_velocity: step.keep_velocity, keep_errors: walk };
         for d in &mut self.dependence {
             for (stands, walks) in d.stands.iter_mut().zip(&mut d.walks) {
                 let starter = *stands;
