@@ -19,8 +19,10 @@ pub(crate) struct Halo {
     maxima: Vec<u8>,
     /// Of a row of cells and those above and below.
     column: Vec<u8>,
-    /// Below which marks are taken away in each cell of that row.
+    /// Below which marks are taken away in each cell of that row, cells of whole words of marks.
     thresholds: Vec<u8>,
+    /// The largest of them of each word.
+    most_of_words: Vec<u8>,
     row: Vec<u8>,
 }
 
@@ -28,12 +30,14 @@ impl Halo {
     pub(crate) fn new(raster: Raster) -> Self {
         let cells = [raster.width.div_ceil(CELL), raster.height.div_ceil(CELL)];
         let maxima = vec![0; cells[0] * cells[1]];
+        let words = raster.width.div_ceil(WORD);
         Self {
             raster,
             cells,
             maxima,
             column: vec![0; cells[0]],
-            thresholds: vec![0; cells[0]],
+            thresholds: vec![0; words * WORD / CELL],
+            most_of_words: vec![0; words],
             row: vec![0; cells[0] * CELL],
         }
     }
@@ -67,14 +71,15 @@ impl Halo {
                     kernel::raise(&self.maxima[near * columns..][..columns], &mut self.column);
                 }
             }
-            kernel::thresholds(&self.column, wraps, share_q8, &mut self.thresholds);
-            for word in 0..marks.stride() {
-                let columns = word * WORD..((word + 1) * WORD).min(width);
-                let cells = word * WORD / CELL..columns.end.div_ceil(CELL);
+            kernel::thresholds(&self.column, wraps, share_q8, &mut self.thresholds[..columns]);
+            kernel::largest_of_eights(&self.thresholds, &mut self.most_of_words);
+            for (word, most) in self.most_of_words.iter().enumerate() {
                 // Where something is to be taken away.
-                if self.thresholds[cells.clone()].iter().fold(0, |most, t| most.max(*t)) <= least {
+                if *most <= least {
                     continue;
                 }
+                let columns = word * WORD..((word + 1) * WORD).min(width);
+                let cells = word * WORD / CELL..columns.end.div_ceil(CELL);
                 for (cell, threshold) in cells.clone().zip(&self.thresholds[cells]) {
                     self.row[cell * CELL..][..CELL].fill(*threshold);
                 }

@@ -30,7 +30,7 @@ pub use mark::{Compared, INDOOR_NOISE_MAX, Layers, Marked, NOISE_MAX, known_look
 pub use median::median;
 pub use most::{ALIKE, MOST_FRAMES, more_often_seen};
 pub use planes::{Counts, Needs, PLANES, ROWS, majority, pitch};
-pub use products::products_by_fours;
+pub use products::{Fours, products_by_fours};
 pub(crate) use runs::{
     BLOCK as RUN_BLOCK, add_to_cells, add_to_columns, add_to_rows, count_differences, count_not_darker, fill_runs,
 };
@@ -247,9 +247,18 @@ pub fn thresholds(values: &[u8], wraps: bool, share_q8: u8, out: &mut [u8]) {
 wide! {
 /// The largest of each eight values, of a length that eight divides.
 pub fn largest_of_eights(values: &[u8], out: &mut [u8]) {
+    let level = available();
     let (blocks, rest) = values.as_chunks::<64>();
     let (whole, last) = out.split_at_mut((8 * blocks.len()).min(out.len()));
     for (block, out) in blocks.iter().zip(whole.as_chunks_mut::<8>().0) {
+        #[cfg(target_arch = "x86_64")]
+        if level >= Level::Avx2 {
+            // SAFETY: the processor has these instructions.
+            *out = unsafe { largest_of_eights_avx2(block) };
+            continue;
+        }
+        #[cfg(not(target_arch = "x86_64"))]
+        let _ = level;
         // Most of a picture is not worked.
         if block.iter().fold(0, |any, value| any | value) == 0 {
             *out = [0; 8];
@@ -269,6 +278,24 @@ pub fn largest_of_eights(values: &[u8], out: &mut [u8]) {
         *o = v.iter().fold(0, |most, v| most.max(*v));
     }
 }
+}
+
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx2")]
+#[inline]
+fn largest_of_eights_avx2(block: &[u8; 64]) -> [u8; 8] {
+    use std::arch::x86_64::*;
+    let lowest = _mm256_set1_epi64x(0xff);
+    let halves: [__m256i; 2] = std::array::from_fn(|half| {
+        let values = avx2::load_bytes(&block.as_chunks::<32>().0[half]);
+        let most = _mm256_max_epu8(values, _mm256_srli_epi64::<8>(values));
+        let most = _mm256_max_epu8(most, _mm256_srli_epi64::<16>(most));
+        _mm256_and_si256(_mm256_max_epu8(most, _mm256_srli_epi64::<32>(most)), lowest)
+    });
+    // Each packing takes half of the zeros away.
+    let twos = avx2::in_order(_mm256_packus_epi32(halves[0], halves[1]));
+    let fours = _mm_packus_epi32(_mm256_castsi256_si128(twos), _mm256_extracti128_si256::<1>(twos));
+    (_mm_cvtsi128_si64(_mm_packus_epi16(fours, fours)) as u64).to_le_bytes()
 }
 
 wide! {
@@ -292,9 +319,12 @@ pub fn keep_at_least(values: &[u8], width: usize, rows: usize, least: &[u8], wor
 #[inline(always)]
 fn block_at_least(level: Level, values: &[u8; 64], least: &[u8; 64]) -> u64 {
     #[cfg(target_arch = "x86_64")]
-    if level == Level::Avx512 {
+    match level {
         // SAFETY: the processor has these instructions.
-        return unsafe { block_at_least_avx512(values, least) };
+        Level::Avx512 => return unsafe { block_at_least_avx512(values, least) },
+        // SAFETY: as above.
+        Level::Avx2 => return unsafe { block_at_least_avx2(values, least) },
+        Level::Portable => {}
     }
     #[cfg(not(target_arch = "x86_64"))]
     let _ = level;
@@ -312,6 +342,19 @@ fn block_at_least(level: Level, values: &[u8; 64], least: &[u8; 64]) -> u64 {
 fn block_at_least_avx512(values: &[u8; 64], least: &[u8; 64]) -> u64 {
     use std::arch::x86_64::_mm512_cmpge_epu8_mask;
     _mm512_cmpge_epu8_mask(avx512::load_block(values), avx512::load_block(least))
+}
+
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx2")]
+#[inline]
+fn block_at_least_avx2(values: &[u8; 64], least: &[u8; 64]) -> u64 {
+    use std::arch::x86_64::{_mm256_cmpeq_epi8, _mm256_max_epu8, _mm256_movemask_epi8};
+    let halves = values.as_chunks::<32>().0.iter().zip(least.as_chunks::<32>().0);
+    halves.rev().fold(0, |bits, (values, least)| {
+        let values = avx2::load_bytes(values);
+        let large = _mm256_cmpeq_epi8(_mm256_max_epu8(values, avx2::load_bytes(least)), values);
+        bits << 32 | u64::from(_mm256_movemask_epi8(large) as u32)
+    })
 }
 
 /// Columns of a step in [`compare_steps`].

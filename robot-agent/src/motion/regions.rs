@@ -89,13 +89,20 @@ impl Region {
     }
 
     fn from_runs(runs: Vec<Run>, raster: &Raster, columns: &mut Vec<u64>) -> Self {
-        columns.clear();
-        columns.resize(raster.width.div_ceil(WORD), 0);
         let mut sums = Sums::default();
+        let (mut first, mut end) = (u32::MAX, 0);
         for r in &runs {
-            mark_between(columns, r.start as usize..(r.start + r.len) as usize);
+            (first, end) = (first.min(r.start), end.max(r.start + r.len));
             sums.add(r);
         }
+        let width = end.saturating_sub(first) as usize;
+        // Nothing inside half a ring is wider than what is outside.
+        if 0 < width && 2 * width <= raster.width {
+            return Self::of_arc(runs, Arc { start: first as usize, width }, &sums, raster);
+        }
+        columns.clear();
+        columns.resize(raster.width.div_ceil(WORD), 0);
+        runs.iter().for_each(|r| mark_between(columns, r.start as usize..(r.start + r.len) as usize));
         let arc = covering_arc(columns, raster);
         Self::of_arc(runs, arc, &sums, raster)
     }
@@ -293,8 +300,14 @@ fn find_runs(words: &[u64], raster: &Raster, runs: &mut Runs) {
         };
         // First column of a run that has not ended yet.
         let mut open: Option<usize> = None;
-        for (w, &word) in row.iter().enumerate() {
+        let mut next = 0;
+        while let Some(&word) = row.get(next) {
+            let column = next * WORD;
+            next += 1;
             if word == 0 && open.is_none() {
+                while row.get(next..next + 4).is_some_and(|four| four.iter().fold(0, |any, word| any | word) == 0) {
+                    next += 4;
+                }
                 continue;
             }
             let mut bits = word;
@@ -303,7 +316,7 @@ fn find_runs(words: &[u64], raster: &Raster, runs: &mut Runs) {
                 if more == WORD {
                     continue;
                 }
-                add(start, w * WORD + more);
+                add(start, column + more);
                 open = None;
                 bits = bits >> more << more;
             }
@@ -311,12 +324,12 @@ fn find_runs(words: &[u64], raster: &Raster, runs: &mut Runs) {
                 let first = bits.trailing_zeros() as usize;
                 // Added its lowest bit a run becomes the bit after it.
                 let after = bits.wrapping_add(1 << first);
-                let start = w * WORD + first;
+                let start = column + first;
                 if after == 0 {
                     open = Some(start);
                     break;
                 }
-                add(start, w * WORD + after.trailing_zeros() as usize);
+                add(start, column + after.trailing_zeros() as usize);
                 bits &= after;
             }
         }

@@ -42,7 +42,8 @@ pub(crate) struct Shadow {
     blocks: [usize; 2],
     kind: Vec<u8>,
     /// Marks of each block of a row of them, by words.
-    counts: Vec<[u8; BLOCKS]>,
+    counts: Vec<Counts>,
+    products: kernel::Fours,
     /// Blocks taken for shadows.
     found: Vec<(usize, usize)>,
     /// Frames for which each block may still become brighter.
@@ -54,17 +55,24 @@ const BODY: u8 = 1;
 const SHADOW: u8 = 2;
 const LIT: u8 = 3;
 
-/// Bits of sixteen bytes at once: those that say that a count is at least [`LEAST_PIXELS`], and that a kind is a shadow or lit.
-const AT_LEAST_EIGHT: u128 = u128::MAX / 255 * (u8::MAX - LEAST_PIXELS + 1) as u128;
+/// Bits of sixteen bytes at once: those that say that a kind is a shadow or lit.
 const SHADOW_OR_LIT: u128 = u128::MAX / 255 * 2;
 
 impl Shadow {
     pub(crate) fn new(raster: Raster) -> Self {
         let blocks = [raster.width.div_ceil(BLOCK[0]), raster.height.div_ceil(BLOCK[1])];
-        let counts = vec![[0; BLOCKS]; raster.width.div_ceil(WORD)];
+        let counts = vec![Counts::default(); raster.width.div_ceil(WORD)];
         let all = blocks[0] * blocks[1];
         let remembered = vec![REMEMBERED_NEW; all];
-        Self { raster, blocks, kind: vec![EMPTY; all], counts, found: Vec::new(), remembered }
+        Self {
+            raster,
+            blocks,
+            kind: vec![EMPTY; all],
+            counts,
+            products: Default::default(),
+            found: Vec::new(),
+            remembered,
+        }
     }
 
     /// The background is begun anew.
@@ -91,17 +99,18 @@ impl Shadow {
             for word in 0..stride {
                 let counts = self.counts[word];
                 // A few marks say nothing: they go with their neighbours.
-                if u128::from_le_bytes(counts) & AT_LEAST_EIGHT == 0 {
+                let told = counts.told_columns();
+                if told == 0 {
                     continue;
                 }
-                for (k, w) in words[..lines.len()].iter_mut().enumerate() {
-                    *w = band[k * stride + word];
+                for (w, row) in words.iter_mut().zip(band.chunks_exact(stride)) {
+                    *w = row[word] & told;
                 }
                 let words = &words[..lines.len()];
                 let first = lines.start * width + word * WORD;
                 let levels = (&background[first..], &noise[first..]);
-                let products = kernel::products_by_fours(words, &picture[first..], levels.0, levels.1, width);
-                let kinds = judge(&products, &counts, gain as f32);
+                kernel::products_by_fours(words, &picture[first..], levels.0, levels.1, width, &mut self.products);
+                let kinds = judge(&self.products, &counts.in_order(), gain as f32);
                 let first = word * BLOCKS;
                 let blocks = by * columns + first..by * columns + columns.min(first + BLOCKS);
                 if u128::from_le_bytes(kinds) & SHADOW_OR_LIT == 0 {
@@ -134,12 +143,17 @@ impl Shadow {
     fn is_among_shadows(&self, bx: usize, by: usize) -> bool {
         let [columns, rows] = self.blocks;
         let over_seam = |column: usize| self.raster.wraps.then_some(column);
-        let before = bx.checked_sub(1).or_else(|| over_seam(columns - 1));
-        let after = Some(bx + 1).filter(|x| *x < columns).or_else(|| over_seam(0));
         let (mut shadows, mut bodies) = (0, 0);
         for row in self.kind[by.saturating_sub(1) * columns..(by + 2).min(rows) * columns].chunks_exact(columns) {
-            for x in [before, Some(bx), after].into_iter().flatten() {
-                let kind = row[x];
+            let near = match row.get(bx.wrapping_sub(1)..bx + 2) {
+                Some(&[before, here, after]) => [before, here, after],
+                _ => {
+                    let before = bx.checked_sub(1).or_else(|| over_seam(columns - 1));
+                    let after = Some(bx + 1).filter(|x| *x < columns).or_else(|| over_seam(0));
+                    [before, Some(bx), after].map(|x| x.map_or(EMPTY, |x| row[x]))
+                }
+            };
+            for kind in near {
                 shadows += u32::from(kind >= SHADOW);
                 bodies += u32::from(kind == BODY);
             }
@@ -148,40 +162,50 @@ impl Shadow {
     }
 }
 
-kernel::wide! {
-/// Marks of each four columns of at most six rows of words, one below the other.
-fn count_fours(rows: &[u64], counts: &mut [[u8; BLOCKS]]) {
-    let stride = counts.len();
-    let (upper, lower) = rows.split_at((3 * stride).min(rows.len()));
-    for (word, counts) in counts.iter_mut().enumerate() {
-        if rows.iter().skip(word).step_by(stride).fold(0, |any, word| any | word) == 0 {
-            *counts = [0; BLOCKS];
-            continue;
-        }
-        // The counts of three rows fit four bits.
-        let (upper, lower) = (nibbles(upper, word, stride), nibbles(lower, word, stride));
-        let even = (upper & EVEN) + (lower & EVEN);
-        let odd = (upper >> 4 & EVEN) + (lower >> 4 & EVEN);
-        for ((counts, even), odd) in counts.as_chunks_mut::<2>().0.iter_mut().zip(even.to_le_bytes()).zip(odd.to_le_bytes()) {
-            *counts = [even, odd];
-        }
-    }
-}
+/// Marks of each four columns of a word of marks, in at most six rows: a byte each.
+#[derive(Debug, Clone, Copy, Default)]
+struct Counts {
+    /// Of the first, third, … four columns.
+    even: u64,
+    odd: u64,
 }
 
+impl Counts {
+    /// The columns whose four have at least [`LEAST_PIXELS`] marks.
+    fn told_columns(self) -> u64 {
+        const { assert!(LEAST_PIXELS == 8 && BLOCK[0] * BLOCK[1] < 32) };
+        if (self.even | self.odd) & (EACH * 0b11000) == 0 {
+            return 0;
+        }
+        let eight_or_more = |counts: u64| (counts >> 3 | counts >> 4) & EACH;
+        eight_or_more(self.even) * 0x0f | eight_or_more(self.odd) * 0xf0
+    }
+
+    /// From the first four columns to the last.
+    fn in_order(self) -> [u8; BLOCKS] {
+        let (even, odd) = (self.even.to_le_bytes(), self.odd.to_le_bytes());
+        std::array::from_fn(|k| if k % 2 == 0 { even[k / 2] } else { odd[k / 2] })
+    }
+}
+
+/// The lowest bit of each byte.
+const EACH: u64 = u64::MAX / 255;
 /// Every second four bits.
-const EVEN: u64 = 0x0f0f_0f0f_0f0f_0f0f;
+const EVEN: u64 = EACH * 0x0f;
 
-/// Marks of each four columns of a word in at most three rows, four bits each.
-#[inline(always)]
-fn nibbles(rows: &[u64], word: usize, stride: usize) -> u64 {
-    let mut sum = 0;
-    for row in rows.chunks_exact(stride) {
-        let w = row[word];
-        let twos = w - (w >> 1 & 0x5555_5555_5555_5555);
-        sum += (twos & 0x3333_3333_3333_3333) + (twos >> 2 & 0x3333_3333_3333_3333);
+kernel::wide! {
+/// Counts marks of at most six rows of words, one below the other.
+fn count_fours(rows: &[u64], counts: &mut [Counts]) {
+    counts.fill(Counts::default());
+    for row in rows.chunks_exact(counts.len()) {
+        for (counts, word) in counts.iter_mut().zip(row) {
+            let twos = word - (word >> 1 & 0x5555_5555_5555_5555);
+            let fours = (twos & 0x3333_3333_3333_3333) + (twos >> 2 & 0x3333_3333_3333_3333);
+            counts.even += fours & EVEN;
+            counts.odd += fours >> 4 & EVEN;
+        }
     }
-    sum
+}
 }
 
 kernel::wide! {

@@ -6,14 +6,21 @@ use super::{Level, available};
 /// Columns of a word of marks.
 const COLUMNS: usize = 64;
 /// Of picture², picture · background, background², noise² and background, each four columns apart.
-type Fours = [[u32; COLUMNS / 4]; 5];
+pub type Fours = [[u32; COLUMNS / 4]; 5];
 
 /// Sums over each four columns of a word of marks (its column 0 is pixel 0 of each slice, `width` pixels a row, as many rows
 /// as there are `marks`): picture², picture · background, background² in (1/8 grey level)², noise², and background in 1/8 grey
 /// level, of marked pixels.
 /// Background and noise are 8.8 fixed point, noise at most [`super::NOISE_MAX`].
-pub fn products_by_fours(marks: &[u64], picture: &[u8], background: &[u16], noise: &[u16], width: usize) -> Fours {
-    let mut fours = Fours::default();
+pub fn products_by_fours(
+    marks: &[u64],
+    picture: &[u8],
+    background: &[u16],
+    noise: &[u16],
+    width: usize,
+    fours: &mut Fours,
+) {
+    *fours = Fours::default();
     // Only the picture's last rows are not followed by as many pixels as are read.
     #[cfg(target_arch = "x86_64")]
     let reach = marks.len().saturating_sub(1) * width + COLUMNS;
@@ -23,16 +30,16 @@ pub fn products_by_fours(marks: &[u64], picture: &[u8], background: &[u16], nois
         Level::Avx512 => {
             for half in 0..COLUMNS / HALF {
                 // SAFETY: the processor has these instructions.
-                unsafe { sum_half_avx512(marks, picture, background, noise, width, half, &mut fours) };
+                unsafe { sum_half_avx512(marks, picture, background, noise, width, half, fours) };
             }
-            return fours;
+            return;
         }
         Level::Avx2 => {
             for group in 0..COLUMNS / GROUP {
-                // SAFETY: the processor has these instructions.
-                unsafe { sum_group_avx2(marks, picture, background, noise, width, group, &mut fours) };
+                // SAFETY: the processor has these instructions, and `reach` values are there.
+                unsafe { sum_group_avx2(marks, picture, background, noise, width, group, fours) };
             }
-            return fours;
+            return;
         }
         Level::Portable => {}
     }
@@ -46,7 +53,6 @@ pub fn products_by_fours(marks: &[u64], picture: &[u8], background: &[u16], nois
             }
         }
     }
-    fours
 }
 
 /// Columns that AVX2 works together.
@@ -58,9 +64,12 @@ const HALF: usize = 32;
 
 /// The sums of one group of columns, sixteen products at a time: all values have at most 15 bits. Sums of two columns stay in
 /// registers.
+///
+/// # Safety
+/// The slices have the word's 64 columns in each of the rows.
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx2")]
-fn sum_group_avx2(
+unsafe fn sum_group_avx2(
     marks: &[u64],
     picture: &[u8],
     background: &[u16],
@@ -83,14 +92,12 @@ fn sum_group_avx2(
         let marked = _mm256_and_si256(_mm256_set1_epi16((bits >> (GROUP * group)) as i16), bit);
         let marked = _mm256_cmpeq_epi16(marked, bit);
         let at = row * width + GROUP * group;
-        let pixels = (picture[at..].first_chunk::<GROUP>(), background[at..].first_chunk::<GROUP>());
-        let ((Some(c), Some(b)), Some(s)) = (pixels, noise[at..].first_chunk::<GROUP>()) else { return };
-        // SAFETY: 16 and 32 bytes are read of as many.
+        // SAFETY: the group's columns are there; to ask again costs as much as to add.
         let (c, b, s) = unsafe {
             (
-                _mm256_cvtepu8_epi16(_mm_loadu_si128(c.as_ptr().cast())),
-                _mm256_loadu_si256(b.as_ptr().cast()),
-                _mm256_loadu_si256(s.as_ptr().cast()),
+                _mm256_cvtepu8_epi16(_mm_loadu_si128(picture.as_ptr().add(at).cast())),
+                _mm256_loadu_si256(background.as_ptr().add(at).cast()),
+                _mm256_loadu_si256(noise.as_ptr().add(at).cast()),
             )
         };
         let c = _mm256_and_si256(_mm256_slli_epi16::<3>(c), marked);

@@ -108,7 +108,8 @@ fn everything(seed: u64) -> Vec<Vec<u64>> {
     mark_changes(piece, out);
     let layers = Layers { second: &second[64..128], known: known[1] };
     let forgiven = known_look(&current[64..128], exposure_q15, &noise[64..128], layers);
-    let products = products_by_fours(&faint[..3], &current, &level, &noise, 64);
+    let mut products = Fours::default();
+    products_by_fours(&faint[..3], &current, &level, &noise, 64, &mut products);
     let mut looks = Looks {
         level: &mut level,
         second: &mut second,
