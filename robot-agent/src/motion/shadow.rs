@@ -178,7 +178,7 @@ impl Counts {
             return 0;
         }
         let eight_or_more = |counts: u64| (counts >> 3 | counts >> 4) & EACH;
-        eight_or_more(self.even) * 0x0f | eight_or_more(self.odd) * 0xf0
+        (eight_or_more(self.even) * 0x0f) | (eight_or_more(self.odd) * 0xf0)
     }
 
     /// From the first four columns to the last.
