@@ -12,6 +12,8 @@ use super::{MOST_TURN_RAD, PlateFinder};
 const LEAST_CORRELATION: f64 = 0.85;
 /// Median correlation of a plate's columns: what stands before it may spoil a few.
 const LEAST_MEDIAN: f64 = 0.96;
+/// A column's contrast is at least this share of that of its run.
+const LEAST_GAIN: f64 = 0.3;
 /// Least contrast over the residual noise.
 const LEAST_CONTRAST: f64 = 4.0;
 const ROUNDS: usize = 8;
@@ -153,8 +155,8 @@ impl PlateFinder {
         for round in 0..ROUNDS {
             let blur_px = if round < 2 { BLUR_PX.hypot(1.4) } else { BLUR_PX };
             let grams = self.sums(samples, &plane, bearing, reach, wide, count, blur_px);
-            let shown = shown(&grams, self.noise2, if round < 2 { 0.25 } else { 0.0 });
-            let (first, last, sign) = run(&shown, bearing_column(reach, wide))?;
+            let mut shown = shown(&grams, self.noise2, if round < 2 { 0.25 } else { 0.0 });
+            let (first, last, sign) = clear_run(&mut shown, bearing_column(reach, wide))?;
             let (mut h, mut g) = (SMatrix::<f64, UNKNOWNS, UNKNOWNS>::zeros(), SVector::<f64, UNKNOWNS>::zeros());
             let (mut rest2, mut dof, mut correlation, mut used) = (0.0, 0.0, 0.0, 0);
             let (mut gains, mut correlations, mut blacks) = (Vec::new(), Vec::new(), Vec::new());
@@ -362,6 +364,18 @@ fn run(shown: &[Option<(f64, f64)>], middle: usize) -> Option<(usize, usize, f64
     (first <= middle + slack && last + slack >= middle).then_some((first, last, sign))
 }
 
+/// The same of the columns whose contrast is not far below that of the others in the run: where a plate ends, a wall goes on for some columns with what
+/// its shade and noise have in common with stripes. What is left out is not shown.
+fn clear_run(shown: &mut [Option<(f64, f64)>], middle: usize) -> Option<(usize, usize, f64)> {
+    let (first, last, sign) = run(shown, middle)?;
+    let of_run = shown[first..=last].iter().flatten().filter(|(correlation, _)| correlation * sign > 0.0);
+    let usual = median(&mut of_run.map(|(_, gain)| gain.abs()).collect::<Vec<_>>());
+    for column in shown.iter_mut() {
+        *column = column.filter(|(_, gain)| gain.abs() >= LEAST_GAIN * usual);
+    }
+    run(shown, middle)
+}
+
 /// How many columns are in the longest run, and its ends; gaps (a mast) of up to a third of it are jumped. Places ascend, a column is so wide.
 pub(super) fn longest_run(places: impl Iterator<Item = f64>, column: f64) -> Option<(usize, [f64; 2])> {
     let (mut best, mut run) = ((0, [0.0; 2]), (0, [f64::NEG_INFINITY; 2]));
@@ -374,4 +388,23 @@ pub(super) fn longest_run(places: impl Iterator<Item = f64>, column: f64) -> Opt
         }
     }
     (best.0 > 0).then_some(best)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_run_ends_where_the_contrast_does_and_not_where_noise_happens_to_correlate() {
+        let plate = |column: usize| -70.0 - column as f64;
+        let mut shown: Vec<Option<(f64, f64)>> = vec![None; 10];
+        shown.extend((0..20).map(|column| Some((-0.98, plate(column)))));
+        // A mast, the rest of the plate in a lamp's shadow, and the wall.
+        shown.extend([None; 3]);
+        shown.extend([Some((-0.97, -45.0)); 4]);
+        shown.extend([Some((-1.0, -5.0)); 9]);
+        assert_eq!(run(&shown, 20), Some((10, 45, -1.0)));
+        assert_eq!(clear_run(&mut shown, 20), Some((10, 36, -1.0)));
+        assert!(shown[37..].iter().all(Option::is_none) && shown[33..37].iter().all(Option::is_some));
+    }
 }
